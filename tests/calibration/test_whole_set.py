@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from benchmarks.outside_specimens import Bench, beam_images, disc_images
-from isochrome.calibration.beam.api import beam_kind, fit_beam
-from isochrome.calibration.disc.api import disc_model, simple_residual
+from isochrome.calibration.beam.api import MOMENT, beam_kind, fit_beam
+from isochrome.calibration.disc.api import RESIDUAL, disc_model, simple_residual
 from isochrome.calibration.whole_set import set_fit
-from isochrome.calibration.whole_set.set_model import SHARED, SetModel
+from isochrome.calibration.whole_set.set_model import EXPOSURES, SHARED, SetModel
 
 from .conftest import BEAM, F_SIGMA, HEIGHT, as_shots, bending_from_images, bending_load
 
@@ -24,18 +24,20 @@ def beam_model(**options):
     rows, cols = fits[0].model.rows, fits[0].model.cols
     model = SetModel(
         kind=beam_kind(views[0], BENCH.shape[1]), shots=shots, rows=rows, cols=cols,
-        masks=np.concatenate([f.model.masks for f in fits]), free=SHARED, besides=True, **options,
+        masks=np.concatenate([f.model.masks for f in fits]), **options,
     )  # fmt: skip
+    free = *SHARED, MOMENT
+    model = replace(model, free=free if model.apart else (EXPOSURES, *free))
     own = np.concatenate([f.values for f in fits])
-    shared = [0.005, -0.003, 0.002, 1e-3, 2.0, 1.1]
-    return model, np.concatenate([own, np.zeros(model.exposures), [0.01, -0.01], shared])
+    shared = [0.005, -0.003, 0.002, 64.0, 0.1, 1.1]
+    return model, np.concatenate([own, np.zeros(model.exposures), shared, [0.01, -0.01]])
 
 
 def stressed_model():
     shots = as_shots([*disc_images((0.0, *ORDERS), BENCH)], [0.0, 1.0, 2.0], sigma=2.0)
     shots = [*shots[1:], shots[0]]
     own = np.array([[n, 33.0, 34.0, 22.0, 0.02] for n in ORDERS])
-    model = replace(disc_model(shots, own, {}), besides=True)
+    model = replace(disc_model(shots, own, {}), free=(EXPOSURES, RESIDUAL))
     return model, np.concatenate([own.ravel(), [0.1, -0.2], simple_residual(0.2, 0.3)])
 
 
@@ -59,7 +61,7 @@ def test_the_gradient_is_the_differences_of_the_cost(made):
         slope = (costs[0] - costs[1]) / (4.0 * step[i])
         # beside tens of standard uncertainties one-sided differences are off by a part of one; what
         # a kind has besides leaves out how its slope blurs, some more where fringes are fine
-        rel, near = (5e-2, 2.0) if i in model.besides_places else (2e-2, 0.5)
+        rel, near = (5e-2, 2.0) if i in model.places[model.kind.besides] else (2e-2, 0.5)
         assert slope == pytest.approx(found[i], rel=rel, abs=near * steps[i])
 
 

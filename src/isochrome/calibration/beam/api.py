@@ -16,18 +16,15 @@ N = sigma_x d/f_sigma = 12 M eta/(f_sigma h^3): the thickness d cancels. The ord
 eta = h/2, rises with the load by k = 3 (Lo - Li)/(2 h^2 f_sigma) fringes per N.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from isochrome.calibration.order_line import (
-    Input,
-    ResidualOrder,
-    uncertainty_budget,
-    widened_to_held_out,
-)
+from isochrome.calibration.order_line import Input, ResidualOrder
 from isochrome.calibration.result import CONTRADICTED, Calibration, ImageFit
 from isochrome.calibration.settings import CalibrationSet, SetLike, load_set
 from isochrome.calibration.shot import (
@@ -41,18 +38,15 @@ from isochrome.calibration.shot import (
     unused,
 )
 from isochrome.calibration.whole_set.set_fit import (
-    OUTLIER,
     alike_fits,
     best_first,
-    causes,
+    calibration_of,
     contradiction,
     fit_set,
-    seen_all_over,
-    sentences,
     set_image,
     stated_values,
 )
-from isochrome.calibration.whole_set.set_model import Kind, SetFit, SetModel, looked_at
+from isochrome.calibration.whole_set.set_model import Kind, SetFit, SetModel
 from isochrome.errors import InputError, PhysicsError
 from isochrome.messages import message
 from isochrome.output import with_uncertainty
@@ -69,21 +63,38 @@ LARGEST_FRAMES = 20.0
 EDGE_REACH = 0.1
 """How far the edges may lie from the last guess, in heights."""
 
-FEWEST_VALID = 0.3
-"""Part of the pixels that must be usable."""
-
 
 @dataclass(frozen=True)
 class BeamView:
     """The beam's `height_px`, its `top` row at the middle column (float, may be outside), its
     `tilt` (rows a column) and `starts` (m, 3): slope (fringe/px across the rows), row of N = 0,
-    tilt.
+    tilt; `seen_px`, how far apart its edges are, None where one is not in view.
     """
 
     height_px: float
     top: float
     tilt: float
     starts: Array
+    seen_px: float | None = None
+
+    def refined(self, shot: Shot, slope: float, tilt: float) -> BeamView:
+        """The view with the edges between which a sinusoid of some slope explains most.
+
+        The first guess has the slope roughly only, and an edge of order 1 is as dark as what lies
+        beyond it: a few rows of that would pull the fit.
+        """
+        rows, values, count = _profile(shot, tilt)
+        reach = EDGE_REACH * self.height_px
+        edges = np.rint([self.top, self.top + self.height_px])
+        top = self.top
+        for moved in ((1.0, 1.0), (1.0, 0.0), (0.0, 1.0)):  # of a beam as high as stated, and each
+            tried = edges + np.rint(np.arange(-reach, reach))[:, None] * moved
+            cost, _ = _scan(rows, values, count, tried, np.array([slope]), 2)
+            edges = tried[np.argmin(cost)]
+            top = float(edges[0]) if all(moved) else top
+        in_view = rows[0] < edges[0] and edges[1] <= rows[-1]
+        seen_px = float(np.ptp(edges) / np.hypot(1.0, tilt)) if in_view else None
+        return replace(self, top=top, seen_px=seen_px)
 
 
 def find_beam(shot: Shot, height_px: float) -> BeamView:
@@ -98,8 +109,6 @@ def find_beam(shot: Shot, height_px: float) -> BeamView:
             "beam_height_mm_camera_pixel_mm", name=shot.name, height_px=height_px, seen=lines,
             smallest_px=SMALLEST_PX, seen_2=LARGEST_FRAMES * lines,
         )  # fmt: skip
-    if np.mean(shot.valid) < FEWEST_VALID:
-        raise PhysicsError("only_pixels_can_used", name=shot.name, mean=np.mean(shot.valid))
     tilt = _tilt(shot)
     rows, values, count = _profile(shot, tilt)
     in_view = min(height_px, float(rows[-1] - rows[0] + 1))
@@ -108,7 +117,7 @@ def find_beam(shot: Shot, height_px: float) -> BeamView:
     tops = np.arange(ends[0] - room, ends[1] + room, EDGE_REACH * in_view)
     finest = FINEST / float(rows[1] - rows[0])
     slopes = np.arange(FEWEST_FRINGES / in_view, finest, 0.2 / in_view)
-    cost, phase = _scan(rows, values, count, tops, height_px, slopes)
+    cost, phase = _scan(rows, values, count, np.stack([tops, tops + height_px], axis=1), slopes)
     if cost.min() > 0.95 * _smooth_cost(rows, values, count, 2):
         raise PhysicsError("no_fringes_rise_across", name=shot.name)
     best, place = _peaks(cost.min(axis=0), 4), int(np.argmin(cost.min(axis=1)))
@@ -153,24 +162,26 @@ def _profile(shot: Shot, shear: float) -> tuple[Array, Array, Array]:
 
 
 def _scan(
-    rows: Array, values: Array, count: Array, tops: Array, height_px: float, slopes: Array
+    rows: Array, values: Array, count: Array, edges: Array, slopes: Array, falls: int = 0
 ) -> tuple[Array, Array]:
-    """Residual (tops, slopes) of a sinusoid inside and a line outside; phase of the maximum."""
-    cost, phase = np.empty((2, len(tops), len(slopes)))
+    """Residual (m, slopes) of a sinusoid between two edges (m, 2), and of a line outside of each;
+    phase of its maximum. `falls`, the degree of the sinusoid's amplitude along the rows.
+    """
+    cost, phase = np.empty((2, len(edges), len(slopes)))
     angle = 2.0 * np.pi * slopes[:, None] * rows
     place = (rows - rows.mean()) / max(1.0, float(np.ptp(rows)))
-    smooth = np.broadcast_to(
-        np.stack([np.ones_like(place), place, place**2]), (len(slopes), 3, rows.size)
-    )
-    design = np.concatenate([np.stack([np.cos(angle), np.sin(angle)], axis=1), smooth], axis=1)
-    for i, top in enumerate(tops):
-        inside = (rows >= top) & (rows < top + height_px)
+    smooth = np.stack([np.ones_like(place), place, place**2])
+    waves = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    uneven = [waves * part for part in smooth[: falls + 1]]
+    design = np.concatenate([*uneven, np.stack([smooth] * len(slopes))], axis=1)
+    for i, (top, bottom) in enumerate(edges):
+        inside = (rows >= top) & (rows < bottom)
         d, w, y = design[:, :, inside], count[inside], values[inside]
-        gram = (d * w) @ d.transpose(0, 2, 1) + 1e-9 * w.sum() * np.eye(5)
+        gram = (d * w) @ d.transpose(0, 2, 1) + 1e-9 * w.sum() * np.eye(d.shape[1])
         result = np.linalg.solve(gram, ((d * w) @ y)[..., None])[..., 0]
         outside = sum(
             _smooth_cost(rows[where], values[where], count[where], 1)
-            for where in (rows < top, rows >= top + height_px)
+            for where in (rows < top, rows >= bottom)
         )
         cost[i] = np.sum(w * (y - np.einsum("sk,skn->sn", result, d)) ** 2, axis=1) + outside
         phase[i] = np.arctan2(result[:, 1], result[:, 0])
@@ -217,7 +228,7 @@ def fit_beam(shot: Shot, height_px: float) -> tuple[BeamView, SetFit]:
     starts, fits = [*view.starts], list[SetFit]()
     for margin in (EDGE_REACH, RIM, RIM):  # more at first, while the edges are known roughly
         if fits:
-            view = replace(view, top=_refined_top(fits[0], view))
+            view = view.refined(shot, float(fits[0].values[0]), float(fits[0].values[2]))
         model = _model(shot, view, cols, margin)
         fits = best_first(model.fit(start) for start in starts)
         if not fits:  # every start turned the light negative
@@ -238,41 +249,6 @@ def _model(shot: Shot, view: BeamView, cols: NDArray[np.intp], share: float) -> 
         kind=beam_kind(view, shot.light.shape[1]), shots=[shot], rows=rows, cols=cols,
         masks=(shot.valid[:, cols] & inside)[None],
     )  # fmt: skip
-
-
-def _refined_top(fit: SetFit, view: BeamView) -> float:
-    """The top edge's row for which fringes inside and an even level outside explain most.
-
-    The first guess has the fringes' slope roughly only, and an edge of order 1 is as dark as what
-    lies beyond it: a few rows of that would pull the fit.
-    """
-    rows, gain = _gain_by_fringes(fit, 0, view)
-    reach = EDGE_REACH * view.height_px
-    tops = np.rint(view.top + np.arange(-reach, reach))
-    first, last = (np.interp(np.rint(tops + d), rows, gain) for d in (0.0, view.height_px))
-    return float(tops[np.argmax(last - first)])
-
-
-def _gain_by_fringes(fit: SetFit, index: int, view: BeamView) -> tuple[Array, Array]:
-    """Rows (n,) at the middle column, and by how much the fringes above each, instead of light as
-    even as beyond the beam, lower the squared residual, in noise variances (n,).
-    """
-    model, shot = fit.model, fit.model.shots[index]
-    pick, middle = np.ix_(model.rows, model.cols), 0.5 * (model.shape[1] - 1)
-    rows, cols, fringes = seen_all_over(fit, index)
-    row = np.rint(rows - fit.own[index, 2] * (cols - middle)).astype(np.intp)
-    image, sigma, valid = (m[pick] for m in (shot.light, shot.sigma, shot.valid))
-    away = np.abs(row - view.top - 0.5 * view.height_px) - 0.5 * view.height_px
-    outer = valid & (away > 0.0)
-    if np.count_nonzero(outer) < 0.01 * outer.size:  # nothing lies beyond its edges
-        return np.array([view.top]), np.zeros(1)
-    far = outer & (away > EDGE_REACH * view.height_px)
-    level = float(np.median(image[far if far.any() else outer]))
-    # what is neither fringes nor even counts little: a roller, a label, the bench behind
-    outside, inside = (np.minimum(((image - m) / sigma) ** 2, OUTLIER**2) for m in (level, fringes))
-    low = int(row.min())
-    gain = np.bincount((row - low)[valid], weights=(outside - inside)[valid])
-    return low + np.arange(gain.size + 1.0), np.concatenate([[0.0], np.cumsum(gain)])
 
 
 def _check(best: SetFit, alike: Sequence[SetFit], seen_px: float) -> None:
@@ -337,7 +313,7 @@ def beam_kind(view: BeamView, width: int) -> Kind:
 
     def idle(first: Array, square: Array) -> Array:
         _, row, tilt = first
-        slope = np.sqrt(np.abs(square[0])) / (half * np.hypot(1.0, tilt))
+        slope = np.sqrt(square[0]) / (half * np.hypot(1.0, tilt))
         return np.array([slope, row, tilt])
 
     return Kind(
@@ -345,40 +321,26 @@ def beam_kind(view: BeamView, width: int) -> Kind:
         by_besides=lambda u, _, rows, cols: beam_order(u, rows, cols - middle) * along(cols),
         sizes=np.full(2, 0.5 * BENT),
         largest=np.array([0.1 / view.height_px, 0.1 * view.height_px, 0.01]),
-        idle=idle, idle_steps=np.array([1e-4]),
+        idle=idle, idle_largest=np.ones(1),
     )  # fmt: skip
 
 
-def check_span(fit: SetFit) -> None:
-    """Refuse a slope that changes along the span: there is shear, and no pure bending.
+def check_span(fit: SetFit) -> float:
+    """By how much the slope changes along the span to either side of its middle, at the most.
 
-    A lens explains such a change as well, so that one as large as no bench has is not believed.
-    Raises PhysicsError; also where pure bending explains little of the images.
+    One as large as no bench has is shear, and no pure bending. Raises PhysicsError; also where pure
+    bending explains little of the images.
     """
     if not fit.explained:
         raise PhysicsError("fringes_not_those_pure", name=fit.model.shots[0].name)
-    change, step = _change_along(fit.model, fit.values), 1e-6
-    rows = [
-        (_change_along(fit.model, fit.values + step * unit) - change) / step
-        for unit in np.eye(fit.model.size)
-    ]
-    spread = np.sqrt(np.einsum("pk,pq,qk->k", rows, fit.covariance, rows))
-    if np.any((np.abs(change) > BENT) & (np.abs(change) > CONTRADICTED * spread)):
-        raise PhysicsError("fringes_slope_changes_along_half", value=float(np.abs(change).max()))
-
-
-def _change_along(model: SetModel, values: Array) -> Array:
-    """By how much the first image's slope at the picture's left and right is above that at its
-    middle (2,), as seen through the lens.
-    """
-    unknowns, _ = model.unknowns_of(0, values)
-    _, besides, shared = model.split(values)
-    height, width = model.shape
-    cols = np.tile(np.array([0.0, 0.5, 1.0]) * (width - 1), 2)
-    rows = np.repeat(np.array([0.4, 0.6]) * (height - 1), 3)
-    orders = model.kind.order(unknowns, besides, *looked_at(rows, cols, model.shape, shared))
-    slopes = orders[3:] - orders[:3]
-    return np.asarray(slopes[[0, 2]] / slopes[1] - 1.0)
+    if MOMENT not in fit.model.free:
+        return 0.0
+    places, ends = fit.model.places[MOMENT], np.array([[-1.0, 1.0], [1.0, 1.0]])
+    change = np.abs(ends @ fit.values[places])
+    spread = np.sqrt(np.diag(ends @ fit.covariance[np.ix_(places, places)] @ ends.T))
+    if np.any((change > BENT) & (change > CONTRADICTED * spread)):
+        raise PhysicsError("fringes_slope_changes_along_half", value=float(change.max()))
+    return float(change.max())
 
 
 def beam_images(
@@ -393,7 +355,7 @@ def beam_images(
     half = 0.5 * views[0].height_px
     factor = np.hypot(1.0, unknowns[:, 2]) * half
     orders = unknowns[:, 0] * factor
-    slopes = len(fit.model.kind.steps) * np.arange(count)
+    slopes = [fit.model.places[i][0] for i in range(count)]
     covariance = fit.covariance[np.ix_(slopes, slopes)] * np.outer(factor, factor)
     rows, cols = fit.model.rows, fit.model.cols
     stride = float(cols[1] - cols[0]) if len(cols) > 1 else 1.0
@@ -414,24 +376,11 @@ def beam_images(
     unloaded = []
     same = not (fit.model.exposures or fit.model.apart)
     for index in range(count, len(fit.model.shots) if same else 0):
-        (place,) = fit.model.own_places(index)
+        (place,) = fit.model.places[index]
         spread = float(np.sqrt(fit.covariance[place, place]))
         square = float(fit.values[place])
         unloaded.append(ResidualOrder(fit.model.shots[index].name, square, spread))
     return images, covariance, tuple(unloaded)
-
-
-def edge_distances(fit: SetFit, views: Sequence[BeamView]) -> list[float]:
-    """How far apart (px) the edges are in each image that shows both."""
-    distances = []
-    for index, view in enumerate(views):
-        rows, gain = _gain_by_fringes(fit, index, view)
-        above = rows < view.top + 0.5 * view.height_px
-        first = np.argmin(np.where(above, gain, np.inf))
-        last = np.argmax(np.where(above, -np.inf, gain))
-        if first > 0 and last < len(rows) - 1:
-            distances.append((rows[last] - rows[first]) / np.hypot(1.0, fit.own[index, 2]))
-    return distances
 
 
 def calibrate_bending(source: SetLike) -> Calibration:
@@ -510,17 +459,12 @@ def bending_from_shots(shots: Sequence[Shot], given: CalibrationSet) -> Calibrat
     height_px = beam.height_mm / pixel_mm
     views, fits = zip(*(fit_beam(s, height_px) for s in shots if s.load_n), strict=True)
     set_fit = fit_beam_set(fits, views[0], idle, stated_values(given))
-    check_span(set_fit)
+    change = check_span(set_fit)
     images, covariance, unloaded = beam_images(set_fit, views, pixel_mm)
-    outcome = causes(set_fit, given.polariscope.wavelength_nm)
-    messages = [*sentences(set_fit, outcome)]
-    if set_fit.model.besides:
-        linear, square = set_fit.values[set_fit.model.besides_places]
-        change = 100.0 * max(abs(linear + square), abs(linear - square))
-        messages.append(message("moment_changes_along_beam", change=change))
+    messages = [message("moment_changes_along_beam", change=100.0 * change)] if change else []
     if not unloaded:
         messages += unused(idle, message("because_light_not_loaded"))
-    distances = edge_distances(set_fit, views)
+    distances = [view.seen_px for view in views if view.seen_px]
     wrong = contradiction(distances, "height_mm", beam.height_mm, given) if distances else None
     if wrong:
         (apart, spread), stated, off = wrong
@@ -535,15 +479,12 @@ def bending_from_shots(shots: Sequence[Shot], given: CalibrationSet) -> Calibrat
             with_uncertainty_2=with_uncertainty(fitting, fitting * spread / apart),
         )
     arm = beam.outer_span_mm - beam.inner_span_mm
-    factor = 1.5 * arm / beam.height_mm**2
     inputs = (
-        Input("load", known.load_percent, "%", 0.01),
         Input("height", known.height_mm, "mm", 3.0 / beam.height_mm),
         Input("spans", known.span_mm, "mm", float(np.sqrt(2.0)) / arm),
         Input("pixel scale", known.pixel_mm, "mm", 1.0 / pixel_mm),
-        Input("thickness", known.thickness_mm, "mm", 0.0),
     )
-    result = uncertainty_budget(
-        "beam", images, factor, inputs, covariance=covariance, unloaded=unloaded, messages=messages
-    )
-    return widened_to_held_out(replace(result, causes=outcome))
+    return calibration_of(
+        "beam", images, 1.5 * arm / beam.height_mm**2, inputs, given,
+        fit=set_fit, covariance=covariance, unloaded=unloaded, messages=messages,
+    )  # fmt: skip

@@ -42,21 +42,20 @@ from isochrome.calibration.disc.disc_field import (
     scan_disc,
     thin_grid,
 )
-from isochrome.calibration.order_line import Input, uncertainty_budget, widened_to_held_out
+from isochrome.calibration.order_line import Input
 from isochrome.calibration.result import Calibration, ImageFit
 from isochrome.calibration.settings import CalibrationSet, Disc, SetLike, load_set
 from isochrome.calibration.shot import FEWEST_FRINGES, PIXELS, RIM, Shot, calibrate_channels, unused
 from isochrome.calibration.whole_set.set_fit import (
     alike_fits,
     best_first,
-    causes,
+    calibration_of,
     contradiction,
     fit_set,
-    sentences,
     set_image,
     stated_values,
 )
-from isochrome.calibration.whole_set.set_model import BLUR, Kind, SetFit, SetModel
+from isochrome.calibration.whole_set.set_model import Kind, SetFit, SetModel
 from isochrome.errors import InputError, PhysicsError
 from isochrome.estimation import ALIKE_CHI
 from isochrome.messages import message
@@ -179,9 +178,6 @@ REFINED = 4
 """Starts with a residual: pixels of the square about the disc, radii over the least one found,
 sizes in fringes, and how many are refined."""
 
-_CLEAR_OF_RIM = 3.0
-"""Blurs by which pixels stay off the rim: a Gaussian is nothing there."""
-
 RESIDUAL = "residual stress"
 
 RESIDUAL_LOADS = 3
@@ -200,28 +196,15 @@ def fit_disc_set(
     loaded ones start; `held`, what the set states of the camera, by its keys.
     """
     images = [*shots, *idle]
-    fit = _fitted(disc_model(images, unknowns, held), unknowns)
+    fit = fit_set(disc_model(images, unknowns, held), unknowns)
     if not len(fit.model.kind.sizes) or (fit.explained and fit.chi < ALIKE_CHI):
         return fit
     start = stressed_start(images, unknowns)
     if start is None:
         return fit
     places, residual = start
-    stressed = _fitted(replace(disc_model(images, places, held), besides=True), places, residual)
+    stressed = fit_set(disc_model(images, places, held), places, residual)
     return stressed if stressed.chi < fit.chi else fit
-
-
-def _fitted(model: SetModel, unknowns: Array, residual: Array | None = None) -> SetFit:
-    """The whole set from where its unknowns start, kept off the rim by the blur that it shows."""
-    fit = fit_set(model, unknowns, residual)
-    blur_px = np.sqrt(fit.shared.get(BLUR, (0.0, 0.0))[0] / 2.0) / np.pi
-    if _CLEAR_OF_RIM * blur_px <= RIM * unknowns[:, 3].min():
-        return fit
-    # what a blur carries over the rim is in no model
-    rim = _CLEAR_OF_RIM * blur_px / float(fit.own[:, 3].max())
-    inner = disc_model(model.shots, fit.own, model.held, rim=rim)
-    wider = replace(inner, besides=fit.model.besides)
-    return fit_set(wider, fit.model.carried(fit.values, wider))
 
 
 def disc_model(
@@ -268,7 +251,7 @@ def stressed_start(images: Sequence[Shot], unknowns: Array) -> tuple[Array, Arra
     for factor in RADII:
         begun[:, 3] = factor * unknowns[:, 3].min()
         model = replace(
-            disc_model(images, begun, {}, pixels=ROUGH_PIXELS), apart=True, besides=True
+            disc_model(images, begun, {}, pixels=ROUGH_PIXELS), apart=True, free=(RESIDUAL,)
         )
         for even, round_ in product(ORDERS, ORDERS):
             values = np.concatenate([begun.ravel(), simple_residual(even, round_)])
@@ -280,7 +263,7 @@ def stressed_start(images: Sequence[Shot], unknowns: Array) -> tuple[Array, Arra
     if not fits:
         return None
     best = min(fits, key=lambda fit: fit.chi)
-    return best.own, best.model.split(best.values)[1]
+    return best.own, best.model.value(best.values, RESIDUAL)
 
 
 def disc_kind(radius: float, several_loads: bool) -> Kind:
@@ -298,7 +281,7 @@ def disc_kind(radius: float, several_loads: bool) -> Kind:
         besides=RESIDUAL, order=order, by_besides=by_residual,
         sizes=SIZES if several_loads else SIZES[:0],
         largest=LARGEST * np.array([1.0, radius, radius, radius, 1.0]),
-        idle=lambda first, _: np.concatenate([[0.0], first[1:]]), idle_steps=np.zeros(0),
+        idle=lambda first, _: np.concatenate([[0.0], first[1:]]), idle_largest=np.zeros(0),
     )  # fmt: skip
 
 
@@ -311,16 +294,15 @@ def disc_images(
     `rims` (m,), their radii as found, px; `diameter_mm`.
     """
     model, unknowns = fit.model, fit.own
-    _, amplitudes, _ = model.split(fit.values)
     linear = np.zeros((len(unknowns), model.size))
     linear[np.arange(len(unknowns)), unknowns.shape[1] * np.arange(len(unknowns))] = 1.0
     orders = unknowns[:, 0].copy()
-    if model.besides:
+    if RESIDUAL in model.free:
         # how each member of the residual counts at the centre, along the loads of each image
         centre = np.zeros(len(unknowns))
         along_loads = residual_basis(centre, centre, np.exp(2j * unknowns[:, 4])).real.T
-        linear[:, model.besides_places] = along_loads
-        orders += along_loads @ amplitudes
+        linear[:, model.places[RESIDUAL]] = along_loads
+        orders += along_loads @ model.value(fit.values, RESIDUAL)
     covariance = linear @ fit.covariance @ linear.T
     rows, cols = fit.model.rows, fit.model.cols
     images = []
@@ -343,13 +325,13 @@ def residual_of(fit: SetFit, diameter_mm: float) -> dict[str, Any] | None:
     where (mm from the centre), fringes.
     """
     model = fit.model
-    if not model.besides:
+    if RESIDUAL not in model.free:
         return None
     image, unknowns = model.images[0], fit.own[0]
     _, row, col, radius, _ = unknowns
     x, z = (np.append(v, 0.0) for v in ((image.cols - col) / radius, (image.rows - row) / radius))
     _, turn = load_field(np.append(image.rows, row), np.append(image.cols, col), unknowns[1:])
-    size = np.abs(model.split(fit.values)[1] @ residual_basis(x, z, turn))
+    size = np.abs(model.value(fit.values, RESIDUAL) @ residual_basis(x, z, turn))
     at = int(np.argmax(size[:-1]))
     return {
         "form": f"tensor, and along the loads, degree {DEGREE}",
@@ -445,33 +427,27 @@ def disc_from_shots(shots: Sequence[Shot], given: CalibrationSet) -> Calibration
     PhysicsError
         Where the images do not determine the value.
     """
-    disc, known = given.disc, given.uncertainty
+    disc = given.disc
     assert disc is not None
     idle = [shot for shot in shots if not shot.load_n]
-    loaded, outcome = [shot for shot in shots if shot.load_n], tuple[dict[str, Any], ...]()
-    images, covariance, set_fit = _found(loaded, idle, disc.diameter_mm, stated_values(given))
-    residual = residual_of(set_fit, disc.diameter_mm) if set_fit else None
-    if set_fit is None:
-        messages = [message("closed_form_disc_does")]
+    loaded = [shot for shot in shots if shot.load_n]
+    images, covariance, fit = _found(loaded, idle, disc.diameter_mm, stated_values(given))
+    residual, messages = None, list[str]()
+    if fit is None:
+        messages.append(message("closed_form_disc_does"))
         messages += unused(idle, message("order_zero_load_from"))
     else:
+        residual = residual_of(fit, disc.diameter_mm)
         if given.camera.pixel_mm is not None:
             check_diameter(images, disc, given)
-        outcome = causes(set_fit, given.polariscope.wavelength_nm)
-        messages = [*sentences(set_fit, outcome)]
     if residual is not None:
         size, form = residual["largest_order"], residual["form"]
         messages.append(message("residual_stress_up_fringe", size=size, form=form))
-    inputs = (
-        Input("load", known.load_percent, "%", 0.01),
-        Input("diameter", known.diameter_mm, "mm", 1.0 / disc.diameter_mm),
-        Input("thickness", known.thickness_mm, "mm", 0.0),
-    )
-    factor = 8.0 / (np.pi * disc.diameter_mm)
-    result = uncertainty_budget(
-        "disc", images, factor, inputs, covariance=covariance, messages=messages
-    )
-    return widened_to_held_out(replace(result, residual=residual, causes=outcome))
+    inputs = (Input("diameter", given.uncertainty.diameter_mm, "mm", 1.0 / disc.diameter_mm),)
+    return calibration_of(
+        "disc", images, 8.0 / (np.pi * disc.diameter_mm), inputs, given,
+        fit=fit, covariance=covariance, residual=residual, messages=messages,
+    )  # fmt: skip
 
 
 def _found(
@@ -495,7 +471,7 @@ def _found(
     except PhysicsError as error:  # which residual stress may explain
         unknowns, refused = [start[0] for start in starts], error
     set_fit = fit_disc_set(loaded, idle, np.array(unknowns), held)
-    if refused is not None and not (set_fit.model.besides and set_fit.explained):
+    if refused is not None and not (RESIDUAL in set_fit.model.free and set_fit.explained):
         if clear is None:
             check_scans(scans, loaded)
             raise refused

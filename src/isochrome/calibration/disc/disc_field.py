@@ -474,9 +474,6 @@ def _fit_wave(wave: Any, varying: Array) -> tuple[Array, Any]:
 ENOUGH = 1e-6
 """Relative fall of the misfit, or relative move, below which a step is the last."""
 
-MEMORY_PX = 4.0
-"""Pixels of a frame over which the overlaid images' noise and misfit are correlated, at least."""
-
 
 def fit_rise(
     shots: Sequence[Shot], rims: Sequence[Circle], images: Overlay, rise: Rise, diameter_mm: float
@@ -489,13 +486,12 @@ def fit_rise(
     """
     fitted = fit_orders(images, rise.slope * images.loads, rise.angle)
     orders, place = fitted.orders, fitted.place
-    flat = fitted.jacobian.reshape(-1, fitted.jacobian.shape[-1])
-    variance = np.diag(np.linalg.pinv(flat.T @ flat))[: len(orders) - 1]
+    variance = jackknife_variance(_without_blocks(images, fitted))[1:]
     angle, scale, z, x = place
     field, used = images.field(*place), images.used
     residual, waves = pixel_waves(images.stack[:, used], orders, field[used])
     spread = np.sqrt(np.mean(residual**2, axis=1) * len(orders) / (len(orders) - 3))
-    errors = MEMORY_PX * np.sqrt(np.concatenate([[variance.mean()], variance])) * spread.mean()
+    errors = np.sqrt(np.concatenate([[variance.mean()], variance]))
     # its order at the centre beside N_i: I ~ -cos 2 pi (h N_i + n) in a dark field
     near = np.hypot(images.grid.cols, images.grid.rows)[used] < 0.1
     a, b = waves[:, near].sum(axis=1) * (-1.0 if shots[0].bright else 1.0)

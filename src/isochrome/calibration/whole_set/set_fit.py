@@ -14,22 +14,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from isochrome.calibration.result import CONTRADICTED, ImageFit, View
+from isochrome.calibration.order_line import Input, uncertainty_budget, widened_to_held_out
+from isochrome.calibration.result import CONTRADICTED, Calibration, ImageFit, View
 from isochrome.calibration.settings import CalibrationSet
 from isochrome.calibration.whole_set.set_model import (
     BAND,
     BLUR,
     EVEN,
-    FULL_WIDTH,
+    EXPOSURES,
     GAMMA,
+    GREEN_NM,
     LENS,
     SHARED,
-    SIZES,
     Light,
     SetFit,
     SetModel,
     SetPoint,
-    band_share,
 )
 from isochrome.estimation import (
     ALIKE_CHI,
@@ -64,8 +64,6 @@ from isochrome.output import per_cent, with_uncertainty
 
 Array = NDArray[np.float64]
 
-APART = "light of each image's own"
-
 _ROUNDS = 8
 """Times that a set is asked, its light made richer and its outliers looked for: an end of loops
 that come to rest by themselves."""
@@ -74,7 +72,7 @@ _RICHEST = 24, 12
 """Degrees of illumination and background up to which light is made richer, product by product: a
 glare adds light in a twelfth of the picture."""
 
-OUTLIER = 6.0
+_OUTLIER = 6.0
 """Residual in noises beyond which a pixel is no accident, and is left out with its neighbours."""
 
 _COSINES, _ORDERS = 5, np.geomspace(0.001, 0.03, 4)
@@ -91,13 +89,14 @@ def fit_set(model: SetModel, unknowns: Array, besides: Array | None = None) -> S
     start = np.zeros(model.size)
     start[: unknowns.size] = unknowns.ravel()
     if besides is not None:
-        start[model.besides_places] = besides
-    if model.exposures:
-        alone = replace(model, apart=True)
-        point = alone.at(model.carried(start, alone))
+        model, start = replace(model, free=(model.kind.besides,)), np.r_[start, besides]
+    if len(model.shots) > 1:
+        point = replace(model, apart=True).at(start)
         assert point is not None
+        model = replace(model, free=(EXPOSURES, *model.free))
+        start = point.model.carried(start, model)
         bright = np.abs(_brightness(point)[: model.loaded])
-        start[model.exposure_places[: model.loaded - 1]] = np.log(bright[1:] / bright[0])
+        start[model.places[EXPOSURES][: model.loaded - 1]] = np.log(bright[1:] / bright[0])
     fit = model.fit(start)
     if not fit.explained:
         return fit
@@ -106,7 +105,7 @@ def fit_set(model: SetModel, unknowns: Array, besides: Array | None = None) -> S
     asked, nothing = ask_set(fit), frozenset({ORDER})
     for _ in range(_ROUNDS):
         fitted = fitted_names(fit.model)
-        wanted = frozenset(h.name for h in asked.sets.best) - nothing | fitted & {APART}
+        wanted = frozenset(h.name for h in asked.sets.best) - nothing
         if wanted == fitted:
             break
         fit = _exposed(_without_outliers(_with(fit, wanted).levelled()))
@@ -119,28 +118,43 @@ def fit_set(model: SetModel, unknowns: Array, besides: Array | None = None) -> S
 
 
 def _exposed(fit: SetFit) -> SetFit:
-    """The fit with one exposure of all images, or an exposure and stray light of each, as they ask;
-    where each has its own light, that is held against exposures.
+    """The fit with one light of all images, an exposure and stray light of each besides, or each
+    one's own light, as they ask.
 
     Only with one exposure does an unloaded image tell its order, or one of less than a fringe its.
     """
-    model = fit.model
-    if len(model.shots) == 1:
-        return fit
-    other = replace(model, apart=False, scaled=model.apart or not model.scaled)
-    start = model.carried(fit.values, other)
-    for index in range(model.loaded, len(model.shots)):
-        start[model.own_places(index)] = 0.0  # which its exposure could not be told from
-    rival, pixels = other.fit(start), fit.point.pixels
-    before, after = ((f.point.cost / pixels, f.unknowns) for f in (fit, rival))
-    better = rival.point.positive and evidence_gain(before, after, pixels=pixels) > 0.0
-    return rival if better else fit
+    one = replace(fit.model, apart=False, free=_without_exposures(fit.model))
+    scaled = replace(one, free=(EXPOSURES, *one.free))
+    for other in (one, scaled, replace(one, apart=True)) if len(one.shots) > 1 else ():
+        if (other.apart, other.free) == (fit.model.apart, fit.model.free):
+            continue
+        start = fit.model.carried(fit.values, other)
+        for index in range(one.loaded, len(one.shots)):
+            start[other.places[index]] = 0.0  # which its exposure could not be told from
+        # in most sets images of their own light are worth no fit
+        if not other.apart or _is_better(other.at(start), fit.point):
+            rival = other.fit(start)
+            fit = rival if _is_better(rival.point, fit.point) else fit
+    return fit
+
+
+def _without_exposures(model: SetModel) -> tuple[str, ...]:
+    """What is free but for the exposures."""
+    return tuple(name for name in model.free if name != EXPOSURES)
+
+
+def _is_better(point: SetPoint | None, best: SetPoint) -> bool:
+    """Whether another light of the same pixels is worth its unknowns."""
+    if point is None or not point.positive:
+        return False
+    before, after = ((p.cost / p.pixels, p.unknowns) for p in (best, point))
+    return evidence_gain(before, after, pixels=best.pixels) > 0.0
 
 
 def fitted_names(model: SetModel) -> frozenset[str]:
     """What a model has free beside what a set states, by name."""
-    others = {LIGHT: model.terms != PLAIN, APART: model.apart, model.kind.besides: model.besides}
-    return frozenset(model.free) | {name for name, there in others.items() if there}
+    light = {LIGHT} if model.terms != PLAIN else set()
+    return frozenset(_without_exposures(model)) | light
 
 
 PLAIN = SetModel.terms
@@ -154,12 +168,9 @@ UNEVEN = with_chosen_terms(PLAIN, USUAL, range(sum(map(len, USUAL))))
 def _with(fit: SetFit, names: frozenset[str]) -> SetFit:
     """The fit with other things free."""
     model = fit.model
-    wider = replace(
-        model,
-        free=tuple(key for key in SHARED if key in names),
-        besides=model.kind.besides in names,
-        apart=APART in names,
-    )
+    free = names | ({EXPOSURES} & {*model.free})
+    things = EXPOSURES, *SHARED, model.kind.besides
+    wider = replace(model, free=tuple(name for name in things if name in free))
     if (LIGHT in names) != (LIGHT in fitted_names(model)):
         terms = UNEVEN if LIGHT in names else PLAIN
         wider = replace(wider, terms=terms, weights=_weights(fit, terms))
@@ -261,7 +272,7 @@ def _without_outliers(fit: SetFit) -> SetFit:
         masks, odd = [], 0
         for image, left in zip(fit.model.images, fit.point.linear[2], strict=True):
             away = np.zeros(image.mask.shape, dtype=bool)
-            away[image.mask] = np.abs(left) > OUTLIER * max(1.0, fit.chi)
+            away[image.mask] = np.abs(left) > _OUTLIER * max(1.0, fit.chi)
             away = binary_dilation(away, iterations=2) & image.mask
             odd += int(away.sum())
             masks.append(image.mask & ~away)
@@ -295,31 +306,20 @@ def ask_set(fit: SetFit) -> Weighed:
 def _nuisances(fit: SetFit) -> Iterator[Nuisance]:
     """All that may be there in a set of images."""
     model, point = fit.model, fit.point
-    shared = model.split(fit.values)[2]
-    for key in SHARED:
-        if key == GAMMA and model.shots[0].no_load_light is not None:
-            continue  # the no-load frames would need it too
+    for name in (*SHARED, model.kind.besides):
+        sizes, places = model.sizes(name), model.places.get(name, np.arange(0))
+        if not len(sizes) or (name == GAMMA and model.shots[0].no_load_light is not None):
+            continue  # of a tone the no-load frames would need it too
         yield Nuisance(
-            name=key,
-            columns=partial(point.key_rows, keys=(key,)),
-            now=np.array([shared[key] - model.held.get(key, float(key == GAMMA))]),
-            roots=(np.array([[SIZES[key]]]),),
-            positive=key in EVEN and key not in model.held,
-            unknowns=(model.key_place(key),) if key in model.free else (),
-            weights=np.zeros(int(key in model.free)),
-        )
-    if len(model.kind.sizes):
-        yield Nuisance(
-            name=model.kind.besides,
-            columns=point.besides_rows,
-            now=model.split(fit.values)[1],
-            roots=(np.diag(model.kind.sizes),),
-            unknowns=tuple(model.besides_places.tolist()),
-            weights=model.kind.sizes[: len(model.besides_places)] ** -2.0,
+            name=name,
+            columns=partial(point.rows_of, name=name),
+            now=model.value(fit.values, name) - model.middle(name),
+            roots=(np.diag(sizes),),
+            positive=name in EVEN and name not in model.held,
+            unknowns=tuple(places.tolist()),
+            weights=model.prior[places],
         )
     yield _light(fit)
-    if len(model.shots) > 1 and not model.apart:
-        yield _apart(fit)
     yield Nuisance(
         name=ORDER,
         columns=partial(_order_columns, fit),
@@ -375,34 +375,13 @@ def _brightness(point: SetPoint) -> Array:
     return np.array(own) if point.model.apart else np.full(len(own), float(np.mean(own)))
 
 
-def _apart(fit: SetFit) -> Nuisance:
-    """What each image's light but the first's has of its own, beside exposure and stray light."""
-    model, point = fit.model, fit.point
-    light, dark = (terms[1:] for terms in PLAIN)
-    bases, bright = model.weighted((light, dark)), _brightness(point)
-    count, others = len(light) + len(dark), len(model.shots) - 1
-
-    def columns(index: int) -> Array:
-        own = np.zeros((others, count, point.signals[index].size))
-        if index:
-            own[index - 1] = bright[index] * point.columns(index, bases[index])
-        return own.reshape(others * count, -1)
-
-    return Nuisance(
-        name=APART,
-        columns=columns,
-        now=np.zeros(others * count),
-        roots=tuple(np.diag(light_sizes((light, dark), fall) * others) for fall in LIGHT_FALLS),
-    )
-
-
 def _order_columns(fit: SetFit, index: int) -> Array:
     """By an order that no cause explains, a share of each place's own, as products of cosines."""
     model = fit.model
     order, slope = fit.point.by_order(index)
     mask = model.images[index].mask
     waves = cosines(mask.shape, _COSINES)[1:, mask]
-    return np.asarray(waves * (slope * order * fit.point.gain(index)))
+    return np.asarray(waves * (slope * order))
 
 
 SLIGHT = 0.01
@@ -425,7 +404,7 @@ def set_image(
     residual, orders = np.full((2, *pixels.mask.shape), np.nan)
     residual[pixels.mask] = weighted * pixels.sigma
     orders[pixels.mask] = np.abs(point.orders[index][0])
-    freedom = max(1.0, weighted.size - fit.unknowns / len(model.shots))
+    freedom = max(1.0, weighted.size - point.unknowns / len(model.shots))
     return ImageFit(
         file=shot.name, load_n=shot.load_n, order=order, standard_uncertainty=spread,
         chi=float(np.sqrt(weighted @ weighted / freedom)), geometry=geometry,
@@ -434,27 +413,6 @@ def set_image(
             sigma=float(np.median(shot.sigma)), **cut,
         ),
     )  # fmt: skip
-
-
-def seen_all_over(fit: SetFit, index: int) -> tuple[Array, Array, Array]:
-    """An image as its model has it on all the fit's rows and columns, where it is masked too.
-
-    Rows and columns (rows, cols) of the places looked at, px, and the light as stored, of the first
-    products: of many the sum goes anywhere where none was fitted.
-    """
-    plain = replace(fit.model, terms=PLAIN, weights=None)
-    inside = plain.at(fit.values)
-    model = replace(plain, masks=np.ones_like(plain.masks), levels=None)
-    point = model.at(fit.values)
-    assert inside is not None and point is not None
-    light = inside.linear[0][model.coefficients_of(index)]
-    image = model.images[index]
-    seen = light @ replace(point, gamma=1.0).columns(index, model.bases[index]) * image.sigma
-    full = float(image.level.max())
-    seen = full * np.maximum(seen / full, 0.0) ** (1.0 / point.gamma)  # as the camera stored it
-    places = model.places(index, model.split(fit.values)[2])
-    rows, cols, seen = (m.reshape(image.mask.shape) for m in (*places, seen))
-    return rows, cols, seen
 
 
 def causes(fit: SetFit, wavelength_nm: float | None) -> tuple[dict[str, Any], ...]:
@@ -467,11 +425,10 @@ def causes(fit: SetFit, wavelength_nm: float | None) -> tuple[dict[str, Any], ..
         name: str | None = key
         if key in EVEN:
             value, spread = float(np.sqrt(value)), 0.5 * spread / float(np.sqrt(value))
-            factor = 1.0 / float(np.sqrt(2.0) * np.pi)
-            if key == BAND:
-                factor *= FULL_WIDTH * (wavelength_nm or 1.0)
-                name = key if wavelength_nm else None
-            value, spread = factor * value, factor * spread
+        if key == BAND:
+            share = (wavelength_nm or 1.0) / GREEN_NM
+            value, spread = share * value, share * spread
+            name = key if wavelength_nm else None
         result.append(
             {"key": name, "cause": NAMES[key], "value": value, "standard_uncertainty": spread}
         )
@@ -521,13 +478,40 @@ def sentences(fit: SetFit, found: tuple[dict[str, Any], ...]) -> Iterator[str]:
         yield message("frames_may_show", who="the images", parts=" or ".join(likely))
 
 
+def calibration_of(
+    specimen: str,
+    images: Sequence[ImageFit],
+    factor_n2_per_mm: float,
+    inputs: Sequence[Input],
+    given: CalibrationSet,
+    *,
+    fit: SetFit | None,
+    residual: dict[str, Any] | None = None,
+    messages: Sequence[str] = (),
+    **orders: Any,
+) -> Calibration:
+    """The calibration by a set's `images`, as `uncertainty_budget`, with what their `fit` found.
+
+    `inputs` besides the load and the thickness, which takes no part.
+    """
+    known = given.uncertainty
+    load = Input("load", known.load_percent, "%", 0.01)
+    thickness = Input("thickness", known.thickness_mm, "mm", 0.0)
+    found = causes(fit, given.polariscope.wavelength_nm) if fit else ()
+    result = uncertainty_budget(
+        specimen, images, factor_n2_per_mm, (load, *inputs, thickness),
+        messages=(*(sentences(fit, found) if fit else ()), *messages), **orders,
+    )  # fmt: skip
+    return widened_to_held_out(replace(result, residual=residual, causes=found))
+
+
 def stated_values(given: CalibrationSet) -> dict[str, float]:
     """What a set states of its camera and its light, as the model holds it."""
     held = {key: float(getattr(given.camera, key.partition(".")[2])) for key in LENS}
     wavelength, band = given.polariscope.wavelength_nm, given.polariscope.bandwidth_nm
     if wavelength and band:
-        held[BAND] = band_share(band, wavelength)
-    held[BLUR] = 2.0 * (np.pi * given.camera.blur_px) ** 2
+        held[BAND] = (band * GREEN_NM / wavelength) ** 2
+    held[BLUR] = given.camera.blur_px**2
     return {key: value for key, value in held.items() if value}
 
 

@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,35 +49,23 @@ BAND, BLUR, GAMMA = "polariscope.bandwidth_nm", "camera.blur_px", "frames.gamma"
 SHARED = (*LENS, BAND, BLUR, GAMMA)
 """What all images may share besides the light, by the keys that a scene has for them."""
 EVEN = (BAND, BLUR)
-"""Those that cannot be negative."""
+"""Those that enter by their square, which is the unknown."""
+EXPOSURES = "an exposure and stray light of each image"
 
-FULL_WIDTH = np.sqrt(8.0 * np.log(2.0))
-"""Width at half height of a Gaussian over its standard deviation."""
-
-
-def band_share(band_nm: float, wavelength_nm: float) -> float:
-    """The model's `a` of a Gaussian band of a full width at half height, see `set_model`."""
-    return float(2.0 * (np.pi * band_nm / FULL_WIDTH / wavelength_nm) ** 2)
-
-
-_GREEN_NM = 550.0
-"""Where a set states no wavelength, its band's is of this."""
+GREEN_NM = 550.0
+"""The wavelength that a band's width is counted at: its share of the wavelength is what shows."""
 
 _KEYS = {key: size for cause in CAUSES for key, size in zip(cause.keys, cause.sizes, strict=True)}
-SIZES = {
-    **{key: _KEYS[key] for key in (*LENS, GAMMA)},
-    BLUR: 2.0 * (np.pi * _KEYS[BLUR]) ** 2,
-    BAND: band_share(_KEYS[BAND], _GREEN_NM),
-}
-"""Standard deviations on usual benches, in the model's units: see `fitting.causes`. `STEP` of these
-is that of their derivatives."""
+SIZES = {key: _KEYS[key] ** 2 if key in EVEN else _KEYS[key] for key in SHARED}
+"""Standard deviations on usual benches, see `fitting.causes`. `STEP` of these is that of their
+derivatives."""
+
+_BAND_SHARE = np.pi**2 / (4.0 * np.log(2.0) * GREEN_NM**2)
+"""The model's `a` of a Gaussian band, over its squared full width at half height."""
 
 _MOST_STEPS = 40
 _ENOUGH = 1e-3
 """Fall of chi-square, in units of the noise that is left, below which a step is the last."""
-
-_LARGEST_EXPONENT = 5.0
-"""Of a squared order below nought, where noise may drive it: the wave stays finite."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,24 +112,6 @@ class SetImage:
         return np.asarray((self.level / self.level.max()) ** (1.0 - gamma) / gamma)
 
 
-def looked_at(
-    rows: Array, cols: Array, shape: tuple[int, int], shared: dict[str, float]
-) -> tuple[Array, Array]:
-    """Rows and columns (n,), px, of the places that a picture's pixels look at through a lens.
-
-    Parameters: `shape` of the picture; `shared`, by the camera's keys.
-    """
-    height, width = shape
-    down, right = 0.5 * (height - 1), 0.5 * (width - 1)
-    given = {key.partition(".")[2]: shared[key] for key in LENS}
-    through = Lens(
-        right_mm=right, down_mm=down, half_width_mm=0.5 * width, half_height_mm=0.5 * height,
-        **given,
-    )  # fmt: skip
-    x, z = through.looked_at(cols - right, rows - down)
-    return np.asarray(z + down, dtype=np.float64), np.asarray(x + right, dtype=np.float64)
-
-
 @dataclass(frozen=True, kw_only=True)
 class Kind:
     """A specimen. Its `order` (n,), with a sign or none, for an image's unknowns (p,) and the
@@ -148,8 +119,8 @@ class Kind:
 
     `by_besides` (k, n), its derivatives by these; their `sizes` (k,) on usual benches; the
     `largest` moves of an image's unknowns (p,) at once. Of an unloaded image `idle` gives the
-    unknowns (p,) from the first loaded one's and its own (r,), of `idle_steps`; below nought its
-    order is imaginary.
+    unknowns (p,) from the first loaded one's and its own (r,), none below nought, whose largest
+    moves are `idle_largest` (r,).
     """
 
     besides: str
@@ -158,12 +129,7 @@ class Kind:
     sizes: Array
     largest: Array
     idle: Callable[[Array, Array], Array]
-    idle_steps: Array
-
-    @property
-    def steps(self) -> Array:
-        """Those of the derivatives by an image's own unknowns (p,)."""
-        return STEP * self.largest
+    idle_largest: Array
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -172,9 +138,9 @@ class SetModel:
     `cols` (C,), each where its `masks` (m, R, C) say.
 
     `terms`, the light's products, and the `weights` (k,), 1/u², of their coefficients about nought;
-    `apart` where each image has its own light, `scaled` where it has its exposure and stray light;
-    the `free` keys of SHARED, and what the others are `held` at; whether what the kind has
-    `besides` is free; `levels` (m, R, C), the light without noise where a fit tells it.
+    `apart` where each image has its own light; what is `free`, of SHARED, EXPOSURES and what the
+    kind has besides, and what the other keys are `held` at; `levels` (m, R, C), the light without
+    noise where a fit tells it.
     """
 
     kind: Kind
@@ -185,9 +151,7 @@ class SetModel:
     terms: Light = (total_degree(2), total_degree(1))
     weights: Array | None = None
     apart: bool = False
-    scaled: bool = True
     free: tuple[str, ...] = ()
-    besides: bool = False
     held: dict[str, float] = field(default_factory=dict)
     levels: Array | None = None
 
@@ -255,75 +219,82 @@ class SetModel:
     @property
     def exposures(self) -> int:
         """Number of free exposures: the first image's is 1."""
-        return len(self.shots) - 1 if self.scaled and not self.apart else 0
+        return len(self.shots) - 1 if EXPOSURES in self.free else 0
 
     @cached_property
-    def _ends(self) -> tuple[int, ...]:
-        """Where the images' own unknowns, exposures, what they have besides and keys end."""
-        idle = (len(self.shots) - self.loaded) * len(self.kind.idle_steps)
-        of_images = self.loaded * len(self.kind.steps) + idle
-        besides = len(self.kind.sizes) if self.besides else 0
-        return tuple(np.cumsum([of_images, self.exposures, besides, len(self.free)]).tolist())
+    def places(self) -> dict[int | str, NDArray[np.intp]]:
+        """Which unknowns are each image's own, by its number, and each of the free, by name."""
+        counts: dict[int | str, int] = {i: len(self.largest(i)) for i in range(len(self.shots))}
+        counts |= {name: len(self.middle(name)) for name in self.free}
+        ends = pairwise(np.cumsum([0, *counts.values()]).tolist())
+        return {key: np.arange(*pair) for key, pair in zip(counts, ends, strict=True)}
 
     @property
     def size(self) -> int:
         """Number of unknowns."""
-        return self._ends[-1]
+        return sum(map(len, self.places.values()))
 
-    def own_places(self, index: int) -> NDArray[np.intp]:
-        """Which unknowns are an image's own."""
-        loaded, count = self.loaded * len(self.kind.steps), len(self.own_steps(index))
-        first = index * count if index < self.loaded else loaded + (index - self.loaded) * count
-        return np.arange(first, first + count)
+    def sizes(self, name: str) -> Array:
+        """The usual standard deviations (k,) of a key, of exposures, of what the kind has besides.
 
-    def key_place(self, key: str) -> int:
-        """Which unknown a free key is."""
-        return self._ends[2] + self.free.index(key)
+        Exposures are alike within a factor of e: those of dark images are told by nothing else.
+        """
+        if name in SHARED:
+            return np.array([SIZES[name]])
+        return np.ones(len(self.shots) - 1) if name == EXPOSURES else self.kind.sizes
 
-    @property
-    def exposure_places(self) -> NDArray[np.intp]:
-        """Which unknowns are the exposures."""
-        return np.arange(self._ends[0], self._ends[1])
+    def middle(self, name: str) -> Array:
+        """What something (k,) is where it is not free."""
+        if name in SHARED:
+            return np.array([self.held.get(name, float(name == GAMMA))])
+        return np.zeros(len(self.sizes(name)))
 
-    @property
-    def besides_places(self) -> NDArray[np.intp]:
-        """Which unknowns are of what the kind has besides."""
-        return np.arange(self._ends[1], self._ends[2])
+    def value(self, values: Array, name: str) -> Array:
+        """What it is (k,) at some unknowns."""
+        return values[self.places[name]] if name in self.free else self.middle(name)
 
-    def split(self, values: Array) -> tuple[Array, Array, dict[str, float]]:
-        """Of some unknowns: exposures (m,), the amplitudes (k,) besides, and what is shared."""
-        of_images, exposures, besides, _ = self._ends
-        scale = np.ones(len(self.shots))
-        if self.exposures:
-            scale[1:] = np.exp(values[of_images:exposures])
-        amplitudes = values[exposures:besides] if self.besides else np.zeros(len(self.kind.sizes))
-        shared = dict.fromkeys(SHARED, 0.0) | {GAMMA: 1.0} | self.held
-        return scale, amplitudes, shared | dict(zip(self.free, values[besides:], strict=True))
+    def shared(self, values: Array) -> dict[str, float]:
+        """What all keys of SHARED are at some unknowns."""
+        return {key: float(self.value(values, key)[0]) for key in SHARED}
 
-    def places(self, index: int, shared: dict[str, float]) -> tuple[Array, Array]:
+    @cached_property
+    def prior(self) -> Array:
+        """Weights (p,), 1/u², of the unknowns about nought: what is left undecided of exposures and
+        of what the kind has besides keeps the size that benches have.
+        """
+        result = np.zeros(self.size)
+        for name in self.free:
+            if name not in SHARED:
+                result[self.places[name]] = self.sizes(name) ** -2.0
+        return result
+
+    def looked_at(self, index: int, shared: dict[str, float]) -> tuple[Array, Array]:
         """Rows and columns (n,), px, of the places that an image's pixels look at."""
         image = self.images[index]
         if not any(shared[key] for key in LENS):
             return image.rows, image.cols
-        return looked_at(image.rows, image.cols, self.shape, shared)
+        height, width = self.shape
+        down, right = 0.5 * (height - 1), 0.5 * (width - 1)
+        through = Lens(
+            right_mm=right, down_mm=down, half_width_mm=0.5 * width, half_height_mm=0.5 * height,
+            **{key.partition(".")[2]: shared[key] for key in LENS},
+        )  # fmt: skip
+        x, z = through.looked_at(image.cols - right, image.rows - down)
+        return np.asarray(z + down, dtype=np.float64), np.asarray(x + right, dtype=np.float64)
 
-    def own_steps(self, index: int) -> Array:
-        """Steps of the derivatives by an image's own unknowns."""
-        return self.kind.steps if index < self.loaded else self.kind.idle_steps
+    def largest(self, index: int) -> Array:
+        """Largest moves at once of an image's own unknowns; `STEP` of it is a derivative's."""
+        return self.kind.largest if index < self.loaded else self.kind.idle_largest
 
-    def unknowns_of(self, index: int, values: Array) -> tuple[Array, bool]:
-        """An image's unknowns as a loaded one's (p,), and whether its order is imaginary."""
-        unknowns = values[self.own_places(index)]
-        if index < self.loaded:
-            return unknowns, False
-        imaginary = bool(len(unknowns) and unknowns[0] < 0.0)
-        return self.kind.idle(values[self.own_places(0)], unknowns), imaginary
+    def unknowns_of(self, index: int, values: Array) -> Array:
+        """An image's unknowns as a loaded one's (p,)."""
+        unknowns = values[self.places[index]]
+        return unknowns if index < self.loaded else self.kind.idle(values[self.places[0]], unknowns)
 
     def _orders(self, index: int, values: Array, shared: dict[str, float]) -> tuple[Array, ...]:
         """An image's order (n,), and its differences to the pixels below, above, right and left."""
-        unknowns, _ = self.unknowns_of(index, values)
-        besides = self.split(values)[1]
-        rows, cols = self.places(index, shared)
+        unknowns, besides = self.unknowns_of(index, values), self.value(values, self.kind.besides)
+        rows, cols = self.looked_at(index, shared)
         here = self.kind.order(unknowns, besides, rows, cols)
         beside = (
             self.kind.order(unknowns, besides, rows + down, cols + right) - here
@@ -333,37 +304,30 @@ class SetModel:
 
     def signal(self, index: int, values: Array, moved: dict[str, float] | None = None) -> Array:
         """The polariscope's 0..1 at an image's pixels (n,), with some shared keys elsewhere."""
-        shared = self.split(values)[2] | (moved or {})
-        return self.signal_of(index, values, shared, self._orders(index, values, shared))
-
-    def signal_of(
-        self, index: int, values: Array, shared: dict[str, float], orders: tuple[Array, ...]
-    ) -> Array:
-        """The same where its order, and that less of the pixels beside, are known."""
-        order, *beside = orders
-        bright = self.shots[index].bright
-        if not self.unknowns_of(index, values)[1]:
-            return seen(order, beside, shared, bright)
-        wave = np.cosh(np.minimum(2.0 * np.pi * np.abs(order), _LARGEST_EXPONENT))
-        return np.asarray(0.5 + 0.5 * wave if bright else 0.5 - 0.5 * wave)
+        shared = self.shared(values) | (moved or {})
+        orders = self._orders(index, values, shared)
+        return seen(orders, shared, self.shots[index].bright)
 
     def at(self, values: Array) -> SetPoint | None:
         """The model at some unknowns, None where it is not finite."""
-        exposure, _, shared = self.split(values)
+        shared = self.shared(values)
         orders = tuple(self._orders(i, values, shared) for i in range(len(self.shots)))
-        signals = tuple(self.signal_of(i, values, shared, own) for i, own in enumerate(orders))
+        signals = tuple(
+            seen(own, shared, shot.bright) for own, shot in zip(orders, self.shots, strict=True)
+        )
         if not all(np.isfinite(s).all() for s in signals):
             return None
-        return SetPoint(self, values, orders, signals, exposure, shared[GAMMA])
+        return SetPoint(self, values, orders, signals, shared[GAMMA])
 
     def fit(self, start: Array) -> SetFit:
         """Least squares from a start."""
         largest = np.full(self.size, np.inf)
-        for i in range(self.loaded):
-            largest[self.own_places(i)] = self.kind.largest
-        largest[self.besides_places] = self.kind.sizes[: len(self.besides_places)]
+        for i in range(len(self.shots)):
+            largest[self.places[i]] = self.largest(i)
+        largest[self.prior > 0.0] = self.prior[self.prior > 0.0] ** -0.5
         low = np.full(self.size, -np.inf)
-        low[[self.key_place(key) for key in self.free if key in EVEN]] = 0.0
+        for key in (*range(self.loaded, len(self.shots)), *(k for k in self.free if k in EVEN)):
+            low[self.places[key]] = 0.0
         bounds = Bounds(low, np.full(self.size, np.inf))
 
         def cut(values: Array, step: Array) -> Array:
@@ -381,41 +345,43 @@ class SetModel:
 
     def carried(self, values: Array, wider: SetModel) -> Array:
         """Where another model's unknowns start that has more of them, or fewer."""
-        of_images, exposures, _, _ = self._ends
-        _, besides, shared = self.split(values)
-        begun = values[of_images:exposures] if self.exposures else np.zeros(wider.exposures)
-        besides = besides if wider.besides else besides[:0]
-        free = [shared[key] for key in wider.free]
-        return np.concatenate([values[:of_images], begun[: wider.exposures], besides, free])
+        of_images = [values[self.places[i]] for i in range(len(self.shots))]
+        return np.concatenate([*of_images, *(self.value(values, name) for name in wider.free)])
 
 
-def seen(order: Array, beside: Sequence[Array], shared: dict[str, float], bright: bool) -> Array:
-    """The polariscope's 0..1 (n,) of orders and their differences to the pixels below, above, right
+def seen(orders: Sequence[Array], shared: dict[str, float], bright: bool) -> Array:
+    """The polariscope's 0..1 (n,) of an order and its differences to the pixels below, above, right
     and left, through a blur and in a band of wavelengths.
     """
+    order, *beside = orders
     steep = 0.25 * ((beside[0] - beside[1]) ** 2 + (beside[2] - beside[3]) ** 2)
     # a blur adds half its variance times the curvature to the order
-    spread = np.pi**2 / 6.0 + shared[BLUR]  # a pixel's own area is one
+    spread = 2.0 * np.pi**2 * (1.0 / 12.0 + shared[BLUR])  # a pixel's own area is one
     blurred = order + spread / (4.0 * np.pi**2) * sum(beside)
     # a band's mean phase is that of its mean wave number, less the third cumulant's part
-    share, phase = shared[BAND] / (2.0 * np.pi**2), 2.0 * np.pi * blurred
+    band = _BAND_SHARE * shared[BAND]
+    share, phase = band / (2.0 * np.pi**2), 2.0 * np.pi * blurred
     wave = np.cos(phase * (1.0 + share - (share * phase) ** 2))
-    wave *= np.exp(-shared[BAND] * order**2 - spread * steep)
+    wave *= np.exp(-band * order**2 - spread * steep)
     return np.asarray(0.5 + 0.5 * wave if bright else 0.5 - 0.5 * wave)
 
 
 @dataclass(frozen=True)
 class SetPoint:
     """The model at some unknowns: its `orders` (m,), each (n,) with its differences to the pixels
-    beside, its signals (m,) of (n,), exposures (m,) and tone.
+    beside, its signals (m,) of (n,), and tone.
     """
 
     model: SetModel
     values: Array
     orders: tuple[tuple[Array, ...], ...]
     signals: tuple[Array, ...]
-    exposure: Array
     gamma: float
+
+    @cached_property
+    def exposure(self) -> Array:
+        """The images' exposures (m,), the first one's 1."""
+        return np.concatenate(([1.0], np.exp(self.model.value(self.values, EXPOSURES))))
 
     def columns(self, index: int, bases: tuple[Array, Array] | None = None) -> Array:
         """Weighted columns of an image by the light's coefficients (k, n), or those of `bases`."""
@@ -450,29 +416,27 @@ class SetPoint:
         return coefficients, inverse, residual
 
     def by_order(self, index: int) -> tuple[Array, Array]:
-        """An image's order (n,), and the derivative of its signal by what is added to it all over;
-        nought where it is imaginary.
-        """
-        model, (order, *beside) = self.model, self.orders[index]
-        if model.unknowns_of(index, self.values)[1]:
-            return order, np.zeros_like(order)
-        shared = model.split(self.values)[2]
-        change = model.signal_of(index, self.values, shared, (order + STEP, *beside))
-        return order, (change - self.signals[index]) / STEP
+        """An image's order (n,), and its weighted derivative by what is added to it all over."""
+        order, *beside = self.orders[index]
+        shared, bright = self.model.shared(self.values), self.model.shots[index].bright
+        change = seen((order + STEP, *beside), shared, bright) - self.signals[index]
+        return order, change * self.gain(index) / STEP
 
     @cached_property
     def cost(self) -> float:
         """Chi-square over all images, and of what has a usual size over this."""
-        besides = self.values[self.model.besides_places] / (
-            self.model.kind.sizes if self.model.besides else 1.0
-        )
-        light = self.model.light_weights @ self.linear[0] ** 2
-        return float(sum(r @ r for r in self.linear[2]) + besides @ besides + light)
+        known = self.model.prior @ self.values**2 + self.model.light_weights @ self.linear[0] ** 2
+        return float(sum(r @ r for r in self.linear[2]) + known)
 
     @property
     def pixels(self) -> int:
         """Pixels of all images."""
         return sum(i.light.size for i in self.model.images)
+
+    @property
+    def unknowns(self) -> int:
+        """All unknowns, the light's as well."""
+        return self.values.size + len(self.linear[0])
 
     def amplitude(self, index: int) -> Array:
         """The illumination over the noise (n,)."""
@@ -491,61 +455,53 @@ class SetPoint:
         scale = self.exposure[index] * self.model.images[index].scale(self.gamma)
         return np.asarray(self.amplitude(index) * scale)
 
-    def key_rows(self, index: int, keys: tuple[str, ...]) -> Array:
-        """Weighted derivatives of one image by shared keys (k, n)."""
+    def rows_of(self, index: int, name: str) -> Array:
+        """Weighted derivatives of one image by something that may be free (k, n)."""
         model, gain = self.model, self.gain(index)
-        shared = model.split(self.values)[2]
-        rows = np.empty((len(keys), gain.size))
-        for row, key in zip(rows, keys, strict=True):
-            step = STEP * SIZES[key]
-            if key == GAMMA:  # how the residual changes with the exponent, the other way round
-                later, image = replace(self, gamma=self.gamma + step), model.images[index]
-                coefficients = self.linear[0][model.coefficients_of(index)]
-                columns = later.columns(index, model.bases[index])
-                light = (coefficients @ (columns - self.columns(index))) / step
-                row[:] = light - (image.toned(later.gamma) - image.toned(self.gamma)) / step
-            else:
-                one = {key: shared[key] + step}
-                if key in LENS:
-                    moved = model.signal(index, self.values, one)
-                else:  # the orders stay
-                    moved = model.signal_of(index, self.values, shared | one, self.orders[index])
-                row[:] = (moved - self.signals[index]) * gain / step
-        return rows
-
-    def besides_rows(self, index: int) -> Array:
-        """Weighted derivatives of one image by what its kind has besides (k, n)."""
-        model = self.model
-        unknowns, _ = model.unknowns_of(index, self.values)
-        _, besides, shared = model.split(self.values)
-        slope = self.by_order(index)[1] * self.gain(index)
-        by_amplitudes = model.kind.by_besides(unknowns, besides, *model.places(index, shared))
-        return np.asarray(slope * by_amplitudes)
+        coefficients = self.linear[0][model.coefficients_of(index)]
+        if name == EXPOSURES:
+            rows = np.zeros((len(model.shots) - 1, gain.size))
+            if index:
+                rows[index - 1] = coefficients @ self.columns(index)
+            return rows
+        shared, bright = model.shared(self.values), model.shots[index].bright
+        if name == model.kind.besides:
+            unknowns, besides = (
+                model.unknowns_of(index, self.values),
+                model.value(self.values, name),
+            )
+            by = model.kind.by_besides(unknowns, besides, *model.looked_at(index, shared))
+            return np.asarray(by * self.by_order(index)[1])
+        step = STEP * SIZES[name]
+        if name == GAMMA:  # how the residual changes with the exponent, the other way round
+            later, image = replace(self, gamma=self.gamma + step), model.images[index]
+            columns = later.columns(index, model.bases[index]) - self.columns(index)
+            change = coefficients @ columns - image.toned(later.gamma) + image.toned(self.gamma)
+            return np.asarray(change / step)[None]
+        moved = {name: shared[name] + step}
+        if name in LENS:
+            signal = model.signal(index, self.values, moved)
+        else:  # the orders stay
+            signal = seen(self.orders[index], shared | moved, bright)
+        return np.asarray((signal - self.signals[index]) * gain / step)[None]
 
     def rows(self, index: int) -> tuple[Array, NDArray[np.intp]]:
         """Weighted derivatives (k, n) of one image by the unknowns that it depends on, and which
         these are.
         """
         model, gain = self.model, self.gain(index)
-        place, steps = model.own_places(index), model.own_steps(index)
+        place, steps = model.places[index], STEP * model.largest(index)
         if index >= model.loaded:  # it lies where the first one does
-            place = np.concatenate((model.own_places(0), place))
-            steps = np.concatenate((model.kind.steps, steps))
+            place = np.concatenate((model.places[0], place))
+            steps = np.concatenate((STEP * model.kind.largest, steps))
         derivatives = np.empty((len(place), gain.size))
         for row, at, step in zip(derivatives, place, steps, strict=True):
             moved = self.values.copy()
             moved[at] += step
             row[:] = (model.signal(index, moved) - self.signals[index]) * gain / step
-        parts, places = [derivatives, self.key_rows(index, model.free)], [place]
-        if index and model.exposures:
-            coefficients = self.linear[0][model.coefficients_of(index)]
-            parts.insert(1, (coefficients @ self.columns(index))[None])
-            places.append(model.exposure_places[index - 1 : index])
-        if model.besides:
-            parts.insert(-1, self.besides_rows(index))
-            places.append(model.besides_places)
-        places.append(np.arange(model._ends[2], model.size))
-        return np.concatenate(parts), np.concatenate(places).astype(np.intp)
+        parts = [derivatives, *(self.rows_of(index, name) for name in model.free)]
+        places = [place, *(model.places[name] for name in model.free)]
+        return np.concatenate(parts), np.concatenate(places)
 
     @cached_property
     def equations(self) -> tuple[Array, Array]:
@@ -558,10 +514,8 @@ class SetPoint:
             normal[np.ix_(place, place)] += rows @ rows.T
             gradient[place] += rows @ residual
             cross[np.ix_(place, model.coefficients_of(i))] += rows @ self.columns(i).T
-        if model.besides:  # what is left undecided keeps the size that benches have
-            places, weight = model.besides_places, 1.0 / model.kind.sizes**2
-            normal[places, places] += weight
-            gradient[places] -= weight * self.values[places]
+        normal += np.diag(model.prior)
+        gradient -= model.prior * self.values
         return normal - cross @ inverse @ cross.T, gradient
 
     @property
@@ -589,14 +543,9 @@ class SetFit:
     asked: Weighed | None = None
 
     @property
-    def unknowns(self) -> int:
-        """All unknowns, the light's as well."""
-        return self.values.size + len(self.point.linear[0])
-
-    @property
     def chi(self) -> float:
         """Residual over noise."""
-        return float(np.sqrt(self.point.cost / (self.point.pixels - self.unknowns)))
+        return float(np.sqrt(self.point.cost / (self.point.pixels - self.point.unknowns)))
 
     @cached_property
     def correlation(self) -> float:
@@ -660,12 +609,11 @@ class SetFit:
     @property
     def own(self) -> Array:
         """The loaded images' own unknowns (m, p)."""
-        size = len(self.model.kind.steps)
-        return np.asarray(self.values[: self.model.loaded * size].reshape(-1, size))
+        return np.array([self.values[self.model.places[i]] for i in range(self.model.loaded)])
 
     @property
     def shared(self) -> dict[str, tuple[float, float]]:
         """The free shared keys: value and standard uncertainty, given that they are there."""
         spread = np.sqrt(np.maximum(np.diag(self._of_noise), 0.0))
-        places = {key: self.model.key_place(key) for key in self.model.free}
+        places = {key: self.model.places[key][0] for key in self.model.free if key in SHARED}
         return {key: (float(self.values[i]), float(spread[i])) for key, i in places.items()}
