@@ -68,14 +68,14 @@ EDGE_REACH = 0.1
 class BeamView:
     """The beam's `height_px`, its `top` row at the middle column (float, may be outside), its
     `tilt` (rows a column) and `starts` (m, 3): slope (fringe/px across the rows), row of N = 0,
-    tilt; `seen_px`, how far apart its edges are, None where one is not in view.
+    tilt; `edges_px`, how far apart its edges are, None where one is not in view.
     """
 
     height_px: float
     top: float
     tilt: float
     starts: Array
-    seen_px: float | None = None
+    edges_px: float | None = None
 
     def refined(self, shot: Shot, slope: float, tilt: float) -> BeamView:
         """The view with the edges between which a sinusoid of some slope explains most.
@@ -93,8 +93,8 @@ class BeamView:
             edges = tried[np.argmin(cost)]
             top = float(edges[0]) if all(moved) else top
         in_view = rows[0] < edges[0] and edges[1] <= rows[-1]
-        seen_px = float(np.ptp(edges) / np.hypot(1.0, tilt)) if in_view else None
-        return replace(self, top=top, seen_px=seen_px)
+        edges_px = float(np.ptp(edges) / np.hypot(1.0, tilt)) if in_view else None
+        return replace(self, top=top, edges_px=edges_px)
 
 
 def find_beam(shot: Shot, height_px: float) -> BeamView:
@@ -464,7 +464,7 @@ def bending_from_shots(shots: Sequence[Shot], given: CalibrationSet) -> Calibrat
     messages = [message("moment_changes_along_beam", change=100.0 * change)] if change else []
     if not unloaded:
         messages += unused(idle, message("because_light_not_loaded"))
-    distances = [view.seen_px for view in views if view.seen_px]
+    distances = [view.edges_px for view in views if view.edges_px]
     wrong = contradiction(distances, "height_mm", beam.height_mm, given) if distances else None
     if wrong:
         (apart, spread), stated, off = wrong

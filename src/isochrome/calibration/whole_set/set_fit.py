@@ -497,12 +497,12 @@ def calibration_of(
     known = given.uncertainty
     load = Input("load", known.load_percent, "%", 0.01)
     thickness = Input("thickness", known.thickness_mm, "mm", 0.0)
-    found = causes(fit, given.polariscope.wavelength_nm) if fit else ()
+    freed = causes(fit, given.polariscope.wavelength_nm) if fit else ()
     result = uncertainty_budget(
         specimen, images, factor_n2_per_mm, (load, *inputs, thickness),
-        messages=(*(sentences(fit, found) if fit else ()), *messages), **orders,
+        messages=(*(sentences(fit, freed) if fit else ()), *messages), **orders,
     )  # fmt: skip
-    return widened_to_held_out(replace(result, residual=residual, causes=found))
+    return widened_to_held_out(replace(result, residual=residual, causes=freed))
 
 
 def stated_values(given: CalibrationSet) -> dict[str, float]:
