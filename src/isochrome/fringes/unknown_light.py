@@ -15,14 +15,13 @@ orders reckons with. What the bands leave is then given to the table itself (bel
 scale is the green band's: colours alone cannot give it. Where orders are low all channels go as N²,
 and a longer exposure looks like a higher order: g is then as uncertain as the table's own error
 makes it, and the order with it.
-Sources: Golub & Pereyra (1973), SIAM J. Numer. Anal. 10, 413, for the projection; Ajovalasit,
-Barone & Petrucci (1995), J. Strain Analysis 30, 29, for the signals.
-
-What a light of three bands leaves of colour frames: the table's bend, the illumination's relief.
 
 A camera's tone curve and colours are not quite a power and a matrix, and no lamp is a quadratic
-surface. Both rests are what the frames say across the curve of colours: along it, a rest is
-nothing but another order, and the orders' scale stays the bands'.
+surface: what is left goes into the table's bend and the illumination's relief, by what the frames
+say across the curve of colours. Along it a residual is nothing but another order, and the orders'
+scale stays the bands'.
+Sources: Golub & Pereyra (1973), SIAM J. Numer. Anal. 10, 413, for the projection; Ajovalasit,
+Barone & Petrucci (1995), J. Strain Analysis 30, 29, for the signals.
 """
 
 from dataclasses import dataclass, replace
