@@ -12,7 +12,7 @@ import nbformat
 from PIL import Image
 
 FOLDER = Path(__file__).parents[1] / "notebooks"
-COLOURS = 48
+COLOURS = 64
 KERNEL = {
     "kernelspec": {"display_name": "Python 3", "language": "python", "name": "python3"},
     "language_info": {"name": "python"},

@@ -443,7 +443,11 @@ class ScarComparison(Result):
         distances = sorted({scar.distance_m for scar in self.scars})
         few = evenly_spaced(range(len(distances)), _FOR_PAPER)
         shown = chosen_frames(frames, len(distances), few, items="distances")
-        rows = _rows_at([distances[k] for k in shown], self)
+        rows: list[_Row] = []
+        for k, colour in zip(shown, cycle(LINE_COLOURS), strict=False):
+            members = [trace for trace in self.traces if trace[1].distance_m == distances[k]]
+            pairs = [(name, pair) for name, _, pair in members if pair is not None]
+            rows.append((members[0][1], pairs, colour))
         half = _BESIDE * 0.5 * max(scar.width_mm for scar in self.scars)
 
         def plot(title: str, draw: Callable[[Axes], None], *, down: bool = True) -> Plot:
@@ -583,15 +587,6 @@ _BESIDE = 1.7
 
 _Row = tuple[SimulatedScar, list[tuple[str, ScarPair]], Any]
 """Of a distance its simulated scar, its named traces, and their colour."""
-
-
-def _rows_at(distances: Sequence[float], result: ScarComparison) -> list[_Row]:
-    rows: list[_Row] = []
-    for distance, colour in zip(distances, cycle(LINE_COLOURS), strict=False):
-        members = [trace for trace in result.traces if trace[1].distance_m == distance]
-        traces = [(name, pair) for name, _, pair in members if pair is not None]
-        rows.append((members[0][1], traces, colour))
-    return rows
 
 
 def _draw_simulated(axes: Axes, row: _Row, **look: Any) -> None:

@@ -229,11 +229,14 @@ def find_contact(
     others = [s.chi for s in starts if s is not best and s.lying[:3] != best.lying[:3]]
     rivals = min(others, default=float("inf"))
     clear = fit.chi <= CLEAR_CHI and rivals > CLEAR_CHI * fit.chi
-    if not fit.positive or _is_no_bench(fit) or (fit.chi > POOR_CHI and not clear):
-        raise _unexplained(frame, fit.chi if fit.positive else None)
     load, load_n = float(fit.scene.get(LOAD)), given.load_n
     assert load_n is not None
-    if not 1.0 / _FARTHEST < load / load_n < _FARTHEST:
+    far = not 1.0 / _FARTHEST < load / load_n < _FARTHEST
+    # what explains a frame poorly tells no load that is another than the given one
+    poor = fit.chi > POOR_CHI and (far or not clear)
+    if not fit.positive or _is_no_bench(fit) or poor:
+        raise _unexplained(frame, fit.chi if fit.positive else None)
+    if far:
         raise PhysicsError(
             "fringes_frame_those_load", name=frame.name, index=frame.index, load=load, load_n=load_n
         )

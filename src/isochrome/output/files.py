@@ -426,7 +426,11 @@ def read_csv(path: str | Path) -> dict[str, list[Any]]:
         raise InputError("empty_table_give_one", path=path)
     header, *body = rows
     _check_lengths("line_has_cells_header", path, header, enumerate(body, start=2))
-    return {name: _numbers([row[i] for row in body]) for i, name in enumerate(header)}
+    columns: dict[str, list[Any]] = {n: [row[i] for row in body] for i, n in enumerate(header)}
+    for name, cells in columns.items():
+        with suppress(ValueError):
+            columns[name] = [float(c) if c.strip() else math.nan for c in cells]
+    return columns
 
 
 def numbers(values: Iterable[float | None]) -> NDArray[np.float64]:
@@ -441,9 +445,3 @@ def check_given_table(path: Path, what: str) -> None:
         raise InputError("not_file_name_itself", path=path, what=what)
     if status.st_size > MOST_GIVEN:
         raise InputError("larger_bytes_name_csv", path=path, most_given=MOST_GIVEN, what=what)
-
-
-def _numbers(cells: list[str]) -> list[Any]:
-    with suppress(ValueError):
-        return [float(c) if c.strip() else math.nan for c in cells]
-    return list(cells)

@@ -115,7 +115,10 @@ class FrameBlocks:
         beside = self._depth[::BLOCK, ::BLOCK] < SHADOW_BLOCKS * side
         self.beside = beside if self.scene.is_contact else None
         self._renderer = solved.renderer
-        self._fields = self._thin_fields(solved.renderer)
+        # as the fit last had them
+        field, shown = solved.renderer.order_field(self.scene)
+        field = np.nan_to_num(self.thin(solved.renderer.whole(self.scene, field)))
+        self._fields = field, self.thin(np.broadcast_to(shown, keep.shape))
 
     @property
     def region(self) -> NDArray[np.intp]:
@@ -142,13 +145,6 @@ class FrameBlocks:
                 less_means(values, lines, share) for values in (light, rows, columns, residual)
             )
         return light, rows, columns, residual[0]
-
-    def _thin_fields(self, renderer: SceneRenderer) -> tuple[Array, Array]:
-        """Stress difference and visibility at the blocks, as the fit last had them."""
-        field, visibility = renderer.order_field(self.scene)
-        field = renderer.whole(self.scene, field)
-        shown = np.broadcast_to(visibility, field.shape)
-        return np.nan_to_num(self.thin(field)), self.thin(shown)
 
     def thin(self, image: Array) -> Array:
         """An image (rows, cols) at the blocks (n,)."""

@@ -445,7 +445,7 @@ def _tried(
 
     From afar tractions are not looked at where something without them explains the frames.
     """
-    expected, plans = _expected(freed, asked), [plan for plan, _ in tried]
+    known, plans = _expected(freed, asked), [plan for plan, _ in tried]
     for plan in sets:
         plain = [p for p in plans if p.root is None]
         explained = freed.now.chi >= _LARGE and any(p.excess < FAR for p in plain)
@@ -454,7 +454,9 @@ def _tried(
         if seen or spent or (explained and plan.root is not None):
             continue
         search.trials -= 1
-        trial = _trial(freed, plan, expected)
+        every = replace(plan, causes=plan.causes + plan.suspects, values=None, waves=None)
+        expected = replace(known, root=plan.root, order=plan.order, modes=asked.modes)
+        trial = freed.now.trial(_change(freed, every), expected)
         if trial is not None:
             plans.append(replace(plan, trial=trial, values=trial.tractions, waves=trial.waves))
     noise = max(1.0, min((plan.excess for plan in plans), default=1.0))
@@ -542,15 +544,6 @@ def _expected(freed: Freed[S], asked: Asked) -> Expected:
         for key, start, size in zip(cause.keys, cause.starts, sizes_of(cause, stated), strict=True)
     }
     return Expected(keys=keys, terms=freed.stated.terms, hidden_px=hidden_px(stated))
-
-
-def _trial(freed: Freed[S], plan: _Plan, expected: Expected) -> Trial | None:
-    """A set's fit to blocks of pixels; None where it cannot be made."""
-    asked = freed.asked
-    assert asked is not None
-    expected = replace(expected, root=plan.root, order=plan.order, modes=asked.modes)
-    every = replace(plan, causes=plan.causes + plan.suspects, values=None, waves=None)
-    return freed.now.trial(_change(freed, every), expected)
 
 
 def _change(freed: Freed[S], plan: _Plan) -> Change:

@@ -114,7 +114,11 @@ def explaining_slip(
 
 def _slips(data: FrameData, scene: Scene) -> Iterator[_Candidate]:
     """All that is tried, the likeliest first."""
-    yield from _fields(data, scene)
+    other = {"dark": "bright", "bright": "dark"}.get(scene.polariscope.field)
+    if other is not None and not scene.polariscope.step:
+        changed = scene.with_values({"polariscope.field": other})
+        line = f'polariscope.field = "{other}"'
+        yield _Candidate(message("picture_one_field", other=other), line, data, changed)
     yield from _turns(data, scene, ((180, None),))
     yield from _units(data, scene, stiff=True)
     yield from _places(data, scene)
@@ -127,14 +131,6 @@ def _slips(data: FrameData, scene: Scene) -> Iterator[_Candidate]:
                 gamma_fit = scene.with_values({GAMMA: gamma})
                 yield _Candidate(message("tone_curve_another"), line, data.toned(gamma), gamma_fit)
     yield from _units(data, scene, stiff=False)
-
-
-def _fields(data: FrameData, scene: Scene) -> Iterator[_Candidate]:
-    other = {"dark": "bright", "bright": "dark"}.get(scene.polariscope.field)
-    if other is not None and not scene.polariscope.step:
-        changed = scene.with_values({"polariscope.field": other})
-        line = f'polariscope.field = "{other}"'
-        yield _Candidate(message("picture_one_field", other=other), line, data, changed)
 
 
 def _turns(

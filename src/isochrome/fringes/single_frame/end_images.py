@@ -94,15 +94,16 @@ def binned_light(
         pairs.append((_DEGREE + i if i else 0, _DEGREE + j if j else 0))
         spread.append(spots * size / total)
     most = max((max(i, j) for i, j, _ in waves), default=0)
-    down, across = (
-        np.stack([v**i for i in range(_DEGREE + 1)] + [_cosine(i + 1, v) for i in range(most)], -1)
+    unit = 0.5 * np.pi / _BEYOND
+    cosines = (
+        [np.sqrt(2.0) * np.cos(i * (unit * v + 0.5 * np.pi)) for i in range(1, most + 1)]
         for v in (y, x)
     )
+    down, across = (
+        np.stack([v**i for i in range(_DEGREE + 1)] + more, -1)
+        for v, more in zip((y, x), cosines, strict=True)
+    )
     return SmoothImages(down, across, np.array(pairs), np.array(spread))
-
-
-def _cosine(i: int, place: Array) -> Array:
-    return np.asarray(np.sqrt(2.0) * np.cos(0.5 * np.pi * i * (place / _BEYOND + 1.0)))
 
 
 def _waves() -> list[tuple[int, int, float]]:
