@@ -93,10 +93,7 @@ class TrackedModel(FrameModel):
         self.renderer.forget()
         scene = self.moved(self.keys, values)
         self._field, self.place = self.renderer.field_alone(scene)[self._every.keep], place
-        # whether the scar is another one than it was when the turns were made
-        begun = self._worn == 0.0 < self._course.worn_mm2
-        worn = WEAR in self.keys and (begun or self._course.grown(self._worn, values) > _GROWN)
-        if self._turns is None or worn:
+        if self._turns is None or (WEAR in self.keys and self._has_grown(values)):
             self.turn()
         elif WEAR in self.keys and self._law > 0.0:
             self._turn_by_more()
@@ -106,6 +103,11 @@ class TrackedModel(FrameModel):
                 illumination, background = self._every.light.of(gamma_fit.part.coefficients)
                 self.look(illumination * self._signal(values) + background)
             self._looked = True
+
+    def _has_grown(self, values: Array) -> bool:
+        """Whether the scar is another one than it was when the turns were made."""
+        begun = self._worn == 0.0 < self._course.worn_mm2
+        return begun or self._course.grown(self._worn, values) > _GROWN
 
     def _turn_by_more(self) -> None:
         """Go on turning by an area: a coefficient's turn is its share of what the law has worn."""
