@@ -266,7 +266,7 @@ class FrameBlocks:
         ways = scene_optics(self.scene).order(field), turn.real, turn.imag
         return np.concatenate([self._waves * way for way in ways])
 
-    @property
+    @cached_property
     def _waves(self) -> Array:
         return self.pick(cosines(self._chosen.shape, COSINES))
 
