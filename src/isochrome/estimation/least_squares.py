@@ -63,7 +63,8 @@ class LinearPart:
 
     coefficients: Array  # (k,), the illumination's, then the background's
     signal: Array  # (n,), solved for
-    inverse: Array  # (k, k), of the weighted columns' Gram matrix
+    weights: Array  # (k,), 1/u^2 of what is known of the coefficients
+    inverse: Array  # (k, k), of the weighted columns' Gram matrix, and the weights
     amplitude: Array  # (n,), the weighted illumination
     residual: Array  # (n,), weighted
     cost: float  # the residual's sum of squares
@@ -73,6 +74,16 @@ class LinearPart:
     def positive(self) -> bool:
         """Whether the illumination is positive over (nearly) the whole frame."""
         return self.negative_share <= MOSTLY
+
+    @property
+    def count(self) -> int:
+        """Number of coefficients that the data tell: of one that is known before, the less."""
+        return round(float(len(self.weights) - self.weights @ np.diag(self.inverse)))
+
+    @property
+    def known(self) -> float:
+        """What the coefficients add to the squares by what is known of them."""
+        return float(self.weights @ self.coefficients**2)
 
 
 STEP = 1e-4
@@ -107,7 +118,8 @@ def solve_linear(problem: SeparableProblem, signal: Array) -> LinearPart:
     light, weight = problem.light, problem.weight
     lit = weight * signal
     normal, right = light.equations(lit, weight, problem.data)
-    inverse = scaled_inverse(normal, _CUTOFF[weight.dtype.itemsize])
+    weights = light.model.weights
+    inverse = scaled_inverse(normal + np.diag(weights), _CUTOFF[weight.dtype.itemsize])
     coefficients = inverse @ right
     amplitude, background = (weight * part for part in light.of(coefficients))
     residual = problem.data - amplitude * signal
@@ -115,6 +127,7 @@ def solve_linear(problem: SeparableProblem, signal: Array) -> LinearPart:
     return LinearPart(
         coefficients=coefficients,
         signal=signal,
+        weights=weights,
         inverse=inverse,
         amplitude=amplitude,
         residual=residual,
@@ -124,7 +137,11 @@ def solve_linear(problem: SeparableProblem, signal: Array) -> LinearPart:
 
 
 def project(rows: Array, problem: SeparableProblem, part: LinearPart) -> None:
-    """Take off what illumination and background explain of derivatives (p, n), in place."""
+    """Take off what illumination and background explain of derivatives (p, n), in place.
+
+    What is known of their coefficients makes a smoother of them: with their covariance V they leave
+    r = P (d - m), P = (1 + L V L')^-1, whose squares the derivatives P J are those of.
+    """
     weight = problem.weight
     problem.light.take_off(rows, weight * part.signal, weight, part.inverse)
 

@@ -15,7 +15,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from itertools import combinations_with_replacement, pairwise, product
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,9 +33,30 @@ UNEVEN, EVEN = 2, 0
 """Degrees of the illumination and the background of a frame that is fitted with a scene: lamps fall
 off to the corners, and what a room adds is the same all over."""
 
+FIRST_DEGREES = 6, 4
+"""Degrees of illumination and background that every light is asked for."""
+
+RICHEST = 24, 8
+"""Degrees of illumination and background of an uneven light: its prior says how much of each."""
+
+_LIGHT_SIZE, LIGHT_FALLS = 0.05, (0.5, 0.7, 0.9)
+"""Standard deviation of the light's first degree, of its brightness, and what each degree more
+leaves of it: a lamp's, one that is near, one with an edge."""
+
 
 _AT_ONCE = 1 << 18
 """Pixels of images that are made at once: a megabyte stays in the processor's cache."""
+
+
+class Unevenness(NamedTuple):
+    """How uneven a light is by its prior, a Gaussian process with less and less of each degree:
+    the `brightness` that `light_sizes` are shares of, what each degree more leaves, its `fall`, and
+    the `degrees` of illumination and background that it goes to.
+    """
+
+    brightness: float
+    fall: float
+    degrees: tuple[int, int] = RICHEST
 
 
 @dataclass(frozen=True)
@@ -44,16 +65,38 @@ class LightModel:
 
     A = a(y, x) sum_k a_k P_i(y) P_j(x),    C = c_0 d(y, x) + sum_k c_k P_i(y) P_j(x).
 
-    `down` (2 n + 1, rows) and `across` (2 n + 1, cols) are P_0 to P_2n at its rows and columns, for
-    the highest degree n; `dark` and `bright` (rows, cols) the no-load frames where there are any:
-    d is the dark one, and a the bright one less that.
+    The `first` ones may have any size; where it is `uneven`, others follow with a prior. `down`
+    (2 n + 1, rows) and `across` (2 n + 1, cols) are P_0 to P_2n at its rows and columns, for the
+    highest degree n; `dark` and `bright` (rows, cols) the no-load frames where there are any: d is
+    the dark one, and a the bright one less that.
     """
 
-    terms: tuple[Terms, Terms]
+    first: tuple[Terms, Terms]
     down: Array
     across: Array
     dark: Array | None = None
     bright: Array | None = None
+    uneven: Unevenness | None = None
+
+    @cached_property
+    def terms(self) -> tuple[Terms, Terms]:
+        """All products of illumination and background."""
+        return _all_terms(self.first, self.uneven)
+
+    @cached_property
+    def weights(self) -> Array:
+        """1/u^2 (k,) of the coefficients, nought of those that may have any size."""
+        light, dark = map(len, self.first)
+        weights = np.zeros(self.unknowns)
+        if self.uneven is not None:
+            sizes = self.uneven.brightness * np.array(light_sizes(self.terms, self.uneven.fall))
+            split = len(self.terms[0])
+            if self.shade is not None:
+                sizes[:split] /= self.shade.mean()
+            weights[light:split] = sizes[light:split] ** -2.0
+            more = len(self.terms[1]) - dark
+            weights[len(weights) - more :] = sizes[len(sizes) - more :] ** -2.0
+        return weights
 
     @property
     def unknowns(self) -> int:
@@ -73,19 +116,16 @@ class LightModel:
 
     def plain(self) -> LightModel:
         """One amplitude for all the illumination: for a search, or a model that is poor."""
-        return replace(self, terms=(self.terms[0][:1], self.terms[1]))
+        return replace(self, first=(self.first[0][:1], self.first[1]), uneven=None)
 
-    def of(self, terms: tuple[Terms, Terms]) -> LightModel:
-        """The light of a whole frame with other polynomial products."""
+    def as_uneven(self, uneven: Unevenness) -> LightModel:
+        """An uneven light of the same degrees, with another prior."""
+        return replace(self, uneven=uneven)
+
+    def of(self, uneven: Unevenness | None) -> LightModel:
+        """The light of a whole frame, as uneven, or as even, as given."""
         shape = self.down.shape[1], self.across.shape[1]
-        return frame_light(shape, self.dark, self.bright, terms=terms)
-
-    def with_terms(self, more: tuple[Terms, Terms]) -> tuple[Terms, Terms]:
-        """Its products, and behind them those of `more` that it has not."""
-        light, dark = (
-            tuple(dict.fromkeys(own + others)) for own, others in zip(self.terms, more, strict=True)
-        )
-        return light, dark
+        return frame_light(shape, self.dark, self.bright, terms=self.first, uneven=uneven)
 
     def every(self, stride: int) -> LightModel:
         """The light of every `stride`-th pixel."""
@@ -96,7 +136,8 @@ class LightModel:
         dark, bright = (
             image if image is None else image[rows][:, cols] for image in (self.dark, self.bright)
         )
-        return LightModel(self.terms, self.down[:, rows], self.across[:, cols], dark, bright)
+        down, across = self.down[:, rows], self.across[:, cols]
+        return LightModel(self.first, down, across, dark, bright, self.uneven)
 
     @cached_property
     def shade(self) -> Array | None:
@@ -263,6 +304,7 @@ def frame_light(
     bright: Array | None = None,
     *,
     terms: tuple[Terms, Terms] | None = None,
+    uneven: Unevenness | None = None,
 ) -> LightModel:
     """The light of a frame that is fitted with a scene.
 
@@ -273,9 +315,18 @@ def frame_light(
     if terms is None:
         even = 1 if bright is not None and dark is None else EVEN
         terms = total_degree(UNEVEN if bright is None else 1), total_degree(even)
-    degree = max(degree for part in terms for pair in part for degree in pair)
+    every = _all_terms(terms, uneven)
+    degree = max(degree for part in every for pair in part for degree in pair)
     down, across = (np.polynomial.legendre.legvander(_unit(n), 2 * degree).T for n in shape)
-    return LightModel(terms, down, across, dark, bright)
+    return LightModel(terms, down, across, dark, bright, uneven)
+
+
+def _all_terms(first: tuple[Terms, Terms], uneven: Unevenness | None) -> tuple[Terms, Terms]:
+    """Some products, and behind them all others of an uneven light."""
+    if uneven is None:
+        return first
+    light, dark = missing_terms(first, uneven.degrees)
+    return first[0] + light, first[1] + dark
 
 
 def total_degree(degree: int) -> Terms:
@@ -290,6 +341,11 @@ def missing_terms(present: tuple[Terms, Terms], degrees: tuple[int, int]) -> tup
         for degree, terms in zip(degrees, present, strict=True)
     )
     return light, dark
+
+
+def light_sizes(terms: tuple[Terms, Terms], fall: float = LIGHT_FALLS[1]) -> list[float]:
+    """Standard deviations of some light's products, of its brightness."""
+    return [_LIGHT_SIZE * fall ** (i + j - 1) for part in terms for i, j in part]
 
 
 def with_chosen_terms(
@@ -348,15 +404,8 @@ ASKED = 2.5
 one is found by chance in 200 frames. More would leave what moves the load by many of its standard
 uncertainties, where the two are alike."""
 
-FIRST_DEGREES = 6, 4
-"""Degrees of illumination and background that every light is asked for."""
-
-RICHEST = 24, 8
-"""Degrees of illumination and background up to which light is made richer, product by product."""
-
-FEW_TERMS, MOST_TERMS = 12, 120
-"""Products by which light is made richer: beside other causes, since a hundred take up what a roll
-does, and once some have explained much."""
+FEW_TERMS = 12
+"""Products by which light is made richer: a hundred take up what a roll does."""
 
 TAKEN = 1e-6
 """Part of a column's square that must be left by what is fitted."""

@@ -63,7 +63,9 @@ class FrameData(Observation):
             light=np.maximum(self.raw, 0.0) ** np.float32(gamma),
             sigma=(gamma * level ** (gamma - 1.0) * self.raw_sigma).astype(np.float32),
             lamp=frame_light(
-                self.shape, terms=self.lamp.terms if self.lamp.bright is None else None
+                self.shape,
+                terms=self.lamp.first if self.lamp.bright is None else None,
+                uneven=self.lamp.uneven,
             ),
             gamma=gamma,
         )

@@ -9,7 +9,7 @@ from .causes.report import (
     opposite_shear,
     rival_causes,
 )
-from .causes.score import LIGHT, LIGHT_FALLS, ORDER, WIDTHS, light_sizes
+from .causes.score import LIGHT, ORDER, WIDTHS
 from .figure import over_distance_figure
 from .folder import fit_report, restore_fit, restore_values
 from .frame.frame_fit import FrameFit, cramer_rao_bound, fit_frame, placed, propagated
@@ -79,7 +79,6 @@ __all__ = [
     "GAMMA",
     "LENS",
     "LIGHT",
-    "LIGHT_FALLS",
     "LOAD",
     "NAMED",
     "ORDER",
@@ -132,7 +131,6 @@ __all__ = [
     "inputs_of_rows",
     "is_each",
     "light_matters",
-    "light_sizes",
     "linearise_frame",
     "local_model",
     "local_values",

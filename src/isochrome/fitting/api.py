@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from isochrome.errors import PhysicsError
-from isochrome.estimation import POOR_CHI, FrameData, Minimum
+from isochrome.estimation import POOR_CHI, FrameData, Minimum, Unevenness
 from isochrome.fitting.causes.freeing import ADDED, Freed, fit_with_causes, free_causes
 from isochrome.fitting.causes.report import cause_messages, opposite_shear
 from isochrome.fitting.causes.solution import FrameSolution
@@ -18,13 +18,7 @@ from isochrome.fitting.figure import figure_of_frames
 from isochrome.fitting.folder import restore_fit, write_fit
 from isochrome.fitting.frame.frame_fit import FrameFit, fit_frame, placed
 from isochrome.fitting.frame.unknowns import GAMMA, WEAR, inputs_of_rows, stated_inputs
-from isochrome.fitting.frame_set import (
-    CORRECT,
-    PreparedFrames,
-    light_terms,
-    refuse_alike,
-    refuse_keys,
-)
+from isochrome.fitting.frame_set import CORRECT, PreparedFrames, refuse_alike, refuse_keys
 from isochrome.fitting.joint.frame_sequence import Sequence, alone_scene, make_sequence
 from isochrome.fitting.joint.joint_fit import (
     JointFit,
@@ -132,7 +126,7 @@ class FrameWork:
             extended = fit_with_causes(data, scene, keys, cold=last is None, stated=stated)
             extended = self._explained(extended)
             fit, messages = extended.fit, cause_messages(extended)
-            light = extended.data.lamp.terms if extended.light else None
+            light = extended.data.lamp.uneven
         row = {name: getattr(fit, name).tolist() for name in _ARRAYS}
         row |= {name: getattr(fit, name) for name in _PLAIN} | {"keys": list(fit.keys)}
         others = [[other.values.tolist(), float(other.chi)] for other in fit.others]
@@ -452,7 +446,7 @@ class _Task:
         single_fits = [self.work.restored(i, row) for i, row in enumerate(results)]
         messages = [(i, text) for i, row in enumerate(results) for text in row["said"]]
         data.lights = {
-            i: light_terms(row["light"]) for i, row in enumerate(results) if row["light"]
+            i: Unevenness(*row["light"]) for i, row in enumerate(results) if row["light"]
         }
         result, joint = joint_stage(
             data, sequence, single_fits, messages, self.steps.one, as_stated=self.work.as_stated

@@ -8,7 +8,7 @@ from typing import Any, Self
 import numpy as np
 
 from isochrome.errors import InputError, PhysicsError
-from isochrome.estimation import FrameData, Terms, prepare_frame, scaled_inverse
+from isochrome.estimation import FrameData, Unevenness, prepare_frame, scaled_inverse
 from isochrome.fitting.arrays import Array, Mask
 from isochrome.fitting.frame.single_state import sliding_scene, timed_distance
 from isochrome.fitting.frame.unknowns import LENS
@@ -17,24 +17,18 @@ from isochrome.output import counted
 from isochrome.scene import DistanceTable, FramesLike, Scene, check_pixel
 from isochrome.simulation import required_model, state_count
 
-Lights = dict[int, tuple[Terms, Terms]]
-"""Polynomial products of illumination and background, by the number of their frame."""
+Lights = dict[int, Unevenness]
+"""How uneven a frame's light is, by its number."""
 
 _KEPT = 8
 """Frames that are kept in memory once prepared; of longer sets each pass reads them again."""
-
-
-def light_terms(stored: list[list[list[int]]]) -> tuple[Terms, Terms]:
-    """The products of illumination and background, from a row of a run."""
-    light, dark = (tuple((i, j) for i, j in part) for part in stored)
-    return light, dark
 
 
 class FrameSet:
     """Prepared frames (rows, cols) in memory, in order; every iteration starts at the first.
 
     `plain`, numbers of frames that get one amplitude for all their light, `lights` of those that
-    get a richer one; `noises`, by how much more noise some have than their finest part shows;
+    get an uneven one; `noises`, by how much more noise some have than their finest part shows;
     `outside` (rows, cols), pixels that are left out.
     """
 
@@ -69,11 +63,10 @@ class FrameSet:
                 data = replace(data, valid=data.valid & ~self.outside)
             yield data.plain() if i in self.plain else data
 
-    def seen(self, terms: tuple[Terms, Terms] | None, outside: Mask | None) -> Self:
-        """The same frames with other light in all of them, and without the pixels `outside`."""
+    def seen(self, uneven: Unevenness | None, outside: Mask | None) -> Self:
+        """The same frames with such light in all of them, and without the pixels `outside`."""
         view = copy(self)
-        if terms is not None:
-            view.lights = dict.fromkeys(range(self._count), terms)
+        view.lights = {} if uneven is None else dict.fromkeys(range(self._count), uneven)
         if outside is not None:
             view.outside = outside if self.outside is None else outside | self.outside
         return view

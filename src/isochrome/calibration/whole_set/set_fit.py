@@ -35,6 +35,7 @@ from isochrome.estimation import (
     ALIKE_CHI,
     FEW_TERMS,
     FIRST_DEGREES,
+    LIGHT_FALLS,
     MOSTLY,
     RIVAL_CHI,
     Nuisance,
@@ -44,21 +45,12 @@ from isochrome.estimation import (
     cosine_spread,
     cosines,
     evidence_gain,
+    light_sizes,
     missing_terms,
     weighed,
     with_chosen_terms,
 )
-from isochrome.fitting import (
-    CAUSES,
-    LIGHT,
-    LIGHT_FALLS,
-    NAMED,
-    ORDER,
-    RARE,
-    SUSPECTED,
-    WIDTHS,
-    light_sizes,
-)
+from isochrome.fitting import CAUSES, LIGHT, NAMED, ORDER, RARE, SUSPECTED, WIDTHS
 from isochrome.messages import message
 from isochrome.output import per_cent, with_uncertainty
 

@@ -8,15 +8,13 @@ are told apart by their own fits to blocks of pixels (`trial`).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import Any, Generic, TypeVar
 
 import numpy as np
 
 from isochrome.errors import PhysicsError
-from isochrome.estimation import FEW_TERMS, HALF, MOST_TERMS, POOR_CHI, FrameData, Hypothesis, weigh
+from isochrome.estimation import HALF, POOR_CHI, RICHEST, FrameData, Hypothesis, Unevenness, weigh
 from isochrome.fitting.arrays import Array, Mask
 from isochrome.fitting.causes.blocks import COSINES
 from isochrome.fitting.causes.cause import OF_PRESSURE, SMOOTH, Cause
@@ -28,18 +26,16 @@ from isochrome.fitting.causes.score import (
     WAVES,
     Asked,
     FittedNuisances,
-    LightTerms,
     ask,
     fitted_waves,
     middle_of,
-    richer_light,
     sizes_of,
     wave_root,
 )
 from isochrome.fitting.causes.slips import Slip, explaining_slip, is_lost
 from isochrome.fitting.causes.solution import Askable, Change, FrameSolution
 from isochrome.fitting.causes.trial import Expected, Trial
-from isochrome.fitting.frame.far_model import FAR, STALLED
+from isochrome.fitting.frame.far_model import FAR
 from isochrome.fitting.frame.frame_fit import fit_with_model, hidden_px
 from isochrome.fitting.frame.unknowns import StatedInputs
 from isochrome.scene import Scene
@@ -49,8 +45,7 @@ S = TypeVar("S", bound=Askable)
 ADDED = "load.added_tractions"
 
 _Seen = tuple[frozenset[str], int, bool]
-"""A set by its names, how much is left out and the light has, and whether it was held against
-others near the end."""
+"""A set by its names, how much is left out, and whether it was held against others near the end."""
 
 _ROUNDS = 16
 _LARGE = 1.03
@@ -66,8 +61,6 @@ _MOST_ODD = 0.15
 what is not there explains the rest."""
 _KEPT = 0.25
 """How much of what its slope has promised a step of tractions must bring."""
-_LIGHTS = 4
-"""How often light is made richer in a row: what is asked for changes a little with the fit."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,8 +77,6 @@ class Freed(Generic[S]):
         Those that were freed.
     tractions : bool, default False
         Whether tractions that are not the model's were fitted.
-    light : bool, default False
-        Whether the light was made richer.
     odd : ndarray of bool, (rows/3, cols/3), optional
         Blocks of the picture that were left out.
     asked : Asked, optional
@@ -99,7 +90,6 @@ class Freed(Generic[S]):
     stated: S
     causes: tuple[Cause, ...] = ()
     tractions: bool = False
-    light: bool = False
     odd: Mask | None = None
     asked: Asked | None = None
     slip: Slip | None = None
@@ -108,6 +98,11 @@ class Freed(Generic[S]):
     def fit(self) -> Any:
         """The fit, a FrameFit or what else the solution is of, less sure by what was asked."""
         return self.now.fit.less_sure(self.asked.undecided) if self.asked else self.now.fit
+
+    @property
+    def light(self) -> bool:
+        """Whether the light was fitted as uneven."""
+        return self.now.uneven is not None
 
     @property
     def data(self) -> Any:
@@ -141,11 +136,6 @@ class Freed(Generic[S]):
         """Whether tractions, or what is unknown, are fitted, which stay as other values move."""
         return self.tractions or bool(self.fitted.unknown)
 
-    @cached_property
-    def richer(self) -> LightTerms:
-        """A light with what its frames ask for beside other causes."""
-        return richer_light(self.now, FEW_TERMS)
-
     def weighed(self) -> Freed[S]:
         """The same with all that may be there weighed about it."""
         return replace(self, asked=ask(self.now, self.fitted, self.stated))
@@ -165,9 +155,8 @@ class _Search:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Plan:
-    """A set to fit: `causes`, tractions of a prior's `root`, uneven `light`, still `richer` than
-    what is fitted, what is `unknown` of a prior's root `order`; and `suspects`, which are tried,
-    and never fitted.
+    """A set to fit: `causes`, tractions of a prior's `root`, how `uneven` the light is, what is
+    `unknown` of a prior's root `order`; and `suspects`, which are tried, and never fitted.
 
     `log_odds` of them, its `members` by number; `starts` of even causes' keys, which have no slope
     at nought. Found by a `trial`, or with the tractions' `values` (k,) and the unknown's `waves`
@@ -179,8 +168,7 @@ class _Plan:
     root: Array | None = None
     unknown: tuple[str, ...] = ()
     order: Array | None = None
-    light: bool = False
-    richer: bool = False
+    uneven: Unevenness | None = None
     values: Array | None = None
     waves: Array | None = None
     starts: dict[str, float] = field(default_factory=dict)
@@ -191,8 +179,8 @@ class _Plan:
     @property
     def names(self) -> frozenset[str]:
         """All that is fitted, by name."""
-        names = FittedNuisances(self.causes, self.root is not None, self.light, self.unknown).names
-        return names | ({"richer light"} if self.richer else set())
+        uneven = self.uneven is not None
+        return FittedNuisances(self.causes, self.root is not None, uneven, self.unknown).names
 
     @property
     def excess(self) -> float:
@@ -253,7 +241,6 @@ def _moved(freed: Freed[S], search: _Search) -> Freed[S] | Asked:
     if SHADOW in asked.best and (without := _left_out(freed, asked.beside)):
         return without
     left = 0 if freed.odd is None else int(freed.odd.sum())
-    left += sum(map(len, freed.now.terms))
     here = freed.fitted.names, left, near
     before = here in seen
     seen.add(here)
@@ -267,10 +254,6 @@ def _moved(freed: Freed[S], search: _Search) -> Freed[S] | Asked:
         wider = _with(freed, plan)
         if wider is not None and not (again and wider.now.chi * _SAME_CHI > freed.now.chi):
             return wider
-    if freed.light:
-        now = _with_all_light(freed.now)
-        if now is not freed.now:
-            return replace(freed, now=now)
     odd, beside = asked.outside, asked.beside
     if odd is not None and beside is not None and _is_shadow(odd, beside):
         odd = odd | beside  # its faint rows are not seen as such
@@ -310,7 +293,7 @@ def _left_out(freed: Freed[S], odd: Mask | None) -> Freed[S] | None:
     if odd.mean() > _MOST_ODD:
         return None
     try:
-        now, left = _again(freed, Change(), odd)
+        now, left = _again(freed, Change(uneven=freed.now.uneven), odd)
     except PhysicsError:
         return None
     return replace(freed, now=now, odd=left) if now.is_sound else None
@@ -367,7 +350,7 @@ def _plans(
         tried = _tried(freed, asked, search, sets) if less or not same else []
     else:
         tried = _tried_from_afar(freed, asked, search, own)
-    logs = {plan.members: log for plan, log in tried if not plan.richer}
+    logs = {plan.members: log for plan, log in tried}
     asked = replace(asked, judged=asked.sets.judged(logs)) if logs else asked
     plans = [plan for plan, _ in tried]
     if plans and plans[0].names == freed.fitted.names and plans[0].excess < FAR:
@@ -375,9 +358,8 @@ def _plans(
     usual = [plan.trial.usual_chi for plan in plans if plan.trial]
     if usual and min(freed.now.chi, *usual) > POOR_CHI:
         # none explains a usual block, not what takes any form: others are odd, or it is another
-        # scene, or light that is made richer by steps, of which a trial has the first
-        plans = [plan for plan in plans if not plan.unknown][:1]
-        plans = [plan for plan in plans if plan.names - freed.fitted.names == {LIGHT}]
+        # scene
+        plans = []
     # beside what cannot be fitted nothing else is: it would take that for its own
     plans = plans[: next((k for k, p in enumerate(plans) if p.suspects), None)]
     last = next((k for k, p in enumerate(plans) if p.names == freed.fitted.names), len(plans))
@@ -402,8 +384,7 @@ def _tried_from_afar(
         return tried
     if best.excess < FAR:
         return _tried(freed, asked, search, [*likely, *_with_less(asked, best)], tried)
-    richer = [replace(own, richer=True)] if freed.light else []
-    more = [*likely, own, *richer, *_with_one_more(asked, own)]
+    more = [*likely, own, *_with_one_more(asked, own)]
     return _tried(freed, asked, search, more, tried)
 
 
@@ -480,7 +461,7 @@ def _of_members(asked: Asked, members: tuple[int, ...]) -> _Plan:
         suspects=tuple(cause for cause in named if not cause.free),
         starts=starts,
         root=press.root if press else None,
-        light=LIGHT in chosen,
+        uneven=_uneven(asked, chosen),
         values=values[press.columns] if press else None,
         members=members,
         log_odds=sum(hypothesis.log_odds for hypothesis in chosen.values()),
@@ -498,6 +479,15 @@ def _unknown(chosen: dict[str, Hypothesis], values: Array) -> dict[str, Any]:
         waves[WAVES[name]] = values[chosen[name].columns].reshape(-1, COSINES**2)
     roots = [wave_root(name, chosen[name].root) for name in names]
     return {"unknown": names, "order": np.concatenate(roots, axis=1), "waves": waves}
+
+
+def _uneven(asked: Asked, chosen: dict[str, Hypothesis]) -> Unevenness | None:
+    """How uneven the light of a set is."""
+    ways = [h for h in asked.evidence.hypotheses if h.name == LIGHT]
+    for way, light in zip(ways, asked.lights, strict=True):
+        if way is chosen.get(LIGHT):
+            return light._replace(degrees=RICHEST)
+    return None
 
 
 def _even_starts(cause: Cause, values: Array) -> dict[str, float]:
@@ -543,7 +533,7 @@ def _expected(freed: Freed[S], asked: Asked) -> Expected:
         for cause in asked.causes
         for key, start, size in zip(cause.keys, cause.starts, sizes_of(cause, stated), strict=True)
     }
-    return Expected(keys=keys, terms=freed.stated.terms, hidden_px=hidden_px(stated))
+    return Expected(keys=keys, hidden_px=hidden_px(stated))
 
 
 def _change(freed: Freed[S], plan: _Plan) -> Change:
@@ -561,9 +551,6 @@ def _change(freed: Freed[S], plan: _Plan) -> Change:
     held: dict[str, Any] = {key: stated.get(key) for key in gone}
     if asked.modes is not None:
         held[ADDED] = None if plan.values is None else asked.modes.added(plan.values)
-    terms = freed.stated.terms if plan.light < freed.light else None
-    if plan.richer or plan.light > freed.light:
-        terms = freed.richer
     rest = plan.trial.values if plan.trial else {}
     if plan.trial is None and now.chi < _LARGE and len({*now.unknown_keys}) == len(now.values):
         move = asked.along @ (asked.evidence.values(plan.members) - asked.now)
@@ -573,7 +560,7 @@ def _change(freed: Freed[S], plan: _Plan) -> Change:
         added=added,
         held=held,
         begun=begun,
-        terms=terms,
+        uneven=plan.uneven,
         waves=np.zeros((3, 1)) if plan.waves is None else plan.waves,
         far=plan.trial is None and plan.names != freed.fitted.names,
     )
@@ -589,29 +576,7 @@ def _with(freed: Freed[S], plan: _Plan) -> Freed[S] | None:
         return None
     if not now.is_sound or now.chi > most:
         return None
-    return replace(
-        freed,
-        now=now,
-        causes=plan.causes,
-        tractions=plan.root is not None,
-        light=plan.light,
-        odd=odd,
-    )
-
-
-def _with_all_light(solution: S) -> S:
-    """A fit whose light is made as rich as its frames ask for, while that explains what is left:
-    by hundreds of products light follows what is none, such as a picture's ghost.
-    """
-    with suppress(PhysicsError):  # what cannot be fitted is not asked for
-        for _ in range(_LIGHTS):
-            terms = richer_light(solution, MOST_TERMS)
-            again = solution if terms == solution.terms else solution.again(Change(terms=terms))
-            stalled = again.chi**2 - 1.0 > STALLED * (solution.chi**2 - 1.0)
-            if again is solution or not again.is_sound or stalled:
-                break
-            solution = again
-    return solution
+    return replace(freed, now=now, causes=plan.causes, tractions=plan.root is not None, odd=odd)
 
 
 def _as_fitted(stated: Askable, now: Askable) -> Change:
@@ -622,7 +587,7 @@ def _as_fitted(stated: Askable, now: Askable) -> Change:
     begun = {key: row[0][0] for key, row in rows.items() if len(row) == 1}
     tractions = now.scene.added_tractions
     held = {} if tractions is None else {ADDED: tractions}
-    return Change(added=added, held=held, begun=begun, terms=now.terms, waves=now.waves)
+    return Change(added=added, held=held, begun=begun, uneven=now.uneven, waves=now.waves)
 
 
 def _with_all_pixels(freed: Freed[S]) -> Freed[S]:

@@ -15,16 +15,14 @@ import numpy as np
 
 from isochrome.estimation import (
     FIRST_DEGREES,
-    RICHEST,
+    LIGHT_FALLS,
     Nuisance,
     Regions,
     ScoreProducts,
-    Terms,
+    Unevenness,
     Weighed,
     cosine_spread,
-    missing_terms,
     weighed,
-    with_chosen_terms,
 )
 from isochrome.fitting.arrays import Array, Mask
 from isochrome.fitting.causes.blocks import COSINES, SHADOW_BLOCKS, FrameBlocks
@@ -45,9 +43,6 @@ from isochrome.scene import Scene
 if TYPE_CHECKING:
     from isochrome.fitting.causes.solution import Askable
 
-LightTerms = tuple[Terms, Terms]
-"""Polynomial products of illumination and background."""
-
 LIGHT, TRACTIONS = "more uneven light", "tractions that are not the model's"
 ORDER, SHADOW = "an order that no cause explains", "a shadow on the surface"
 STRESS = "a stress that no cause explains"
@@ -57,9 +52,6 @@ WAVES = {ORDER: slice(0, 1), STRESS: slice(1, 3)}
 _NOT_COUNTED = (STATED, SCALE.name, STIFF.name)
 """What no ± holds as something that may be there: what is stated counts by the sensitivity to it,
 and what is taken as exact is said to be."""
-_LIGHT_SIZE, LIGHT_FALLS = 0.05, (0.5, 0.7, 0.9)
-"""Standard deviation of the light's first degree, of its brightness, and what each degree more
-leaves of it: a lamp's, one that is near, one with an edge."""
 _SHADOW_SIZE, _SHADOW_LENGTH = 0.2, 2.0
 """Standard deviation of the light that a shadow takes, and over how many blocks it is alike."""
 WIDTHS = LENGTHS[:-1]
@@ -94,12 +86,13 @@ class Asked(Weighed):
 
     `causes` that may be there; `outside`, the blocks (rows, cols) that no noise explains, and
     `beside`, those at the surface; `modes` of a contact's tractions; `order_power` (k, k), the mean
-    products of an unknown order's waves; the `regions` of one frame, which may have waves of its
-    own. Its sets are `judged` where trials tell them apart.
+    products of an unknown order's waves; the `lights` that may be there; the `regions` of one
+    frame, which may have waves of its own. Its sets are `judged` where trials tell them apart.
     """
 
     causes: tuple[Cause, ...]
     order_power: Array
+    lights: tuple[Unevenness, ...]
     outside: Mask | None = None
     beside: Mask | None = None
     modes: TractionModes | None = None
@@ -159,6 +152,7 @@ def ask(solution: Askable, fitted: FittedNuisances, stated: Askable) -> Asked:
     causes = candidates(stated.scene, stated.keys, stated.held, past=stated.past)
     nuisances: list[Nuisance] = []
     modes: TractionModes | None = None
+    lights: tuple[Unevenness, ...] = ()
     power = np.empty((0, 0))
     odd: list[tuple[Mask, Mask | None]] = []
     excess: list[float] = []
@@ -170,17 +164,18 @@ def ask(solution: Askable, fitted: FittedNuisances, stated: Askable) -> Asked:
     weight, misfit = solution.stated_misfit
 
     def parts() -> Iterator[tuple[Array, Array, Array, Array]]:
-        nonlocal modes, power, regions
+        nonlocal modes, power, regions, lights
         for blocks in solution.blocks():
             if not nuisances:
                 modes = blocks.modes if _has_own_tractions(solution, stated.scene) else None
-                nuisances.extend(_nuisances(solution, blocks, causes, fitted, stated))
+                lights = _lights(solution, blocks)
+                nuisances.extend(_nuisances(solution, blocks, lights, causes, fitted, stated))
                 power = blocks.order_waves @ blocks.order_waves.T / len(blocks.residual)
             odd.append((blocks.outliers, blocks.beside))
             excess.append(blocks.excess)
             columns = np.concatenate([n.columns(blocks) for n in nuisances])
             light, rows, every, residual = blocks.part(columns)
-            light = np.delete(light, of_more_light(len(light), solution.terms, stated.terms), 0)
+            light = light[blocks.data.lamp.weights == 0.0]
             if solution.count == 1:
                 regions = Regions(
                     region=blocks.region,
@@ -209,6 +204,7 @@ def ask(solution: Askable, fitted: FittedNuisances, stated: Askable) -> Asked:
         **vars(found),
         causes=causes,
         order_power=power,
+        lights=lights,
         regions=regions,
         outside=outside if outside.any() else None,
         beside=odd[0][1],
@@ -219,6 +215,7 @@ def ask(solution: Askable, fitted: FittedNuisances, stated: Askable) -> Asked:
 def _nuisances(
     solution: Askable,
     blocks: FrameBlocks,
+    lights: tuple[Unevenness, ...],
     causes: tuple[Cause, ...],
     fitted: FittedNuisances,
     stated: Askable,
@@ -229,7 +226,7 @@ def _nuisances(
             yield _fitted_cause(solution, cause, stated.scene)
         else:
             yield _open_cause(blocks, cause)
-    yield _light(solution, blocks, stated.terms)
+    yield _light(blocks, lights)
     waves = np.zeros((3, COSINES**2)) if solution.waves is None else solution.waves
     spreads = [size * cosine_spread(COSINES, width) for size in SIZES[:-1] for width in WIDTHS]
     for name, part in WAVES.items():
@@ -324,36 +321,24 @@ def _fitted_cause(solution: Askable, cause: Cause, stated: Scene) -> Nuisance:
     )
 
 
-def _light(solution: Askable, blocks: FrameBlocks, own: LightTerms) -> Nuisance:
-    """The light's products besides those of a frame as stated: what is fitted, and then others."""
-    more, missing = more_than(solution.terms, own), missing_terms(solution.terms, FIRST_DEGREES)
-    chosen = of_more_light(len(blocks.light_rows), solution.terms, own)
-    bright = blocks.brightness  # of the fitted ones the coefficients are counted, not the shares
+def _lights(solution: Askable, blocks: FrameBlocks) -> tuple[Unevenness, ...]:
+    """The ways in which a light may be uneven: as one of them it is fitted."""
+    now = solution.uneven or Unevenness(blocks.brightness, 0.0, FIRST_DEGREES)
+    return tuple(now._replace(fall=fall) for fall in LIGHT_FALLS)
+
+
+def _light(blocks: FrameBlocks, lights: tuple[Unevenness, ...]) -> Nuisance:
+    """The light's products besides the first ones: all where it is fitted so, else some."""
+    lamp = blocks.data.lamp
+    fitted, lamp = lamp.uneven is not None, lamp if lamp.uneven else lamp.of(lights[0])
+    more = lamp.weights > 0.0
     return Nuisance(
         name=LIGHT,
-        columns=lambda blocks: np.concatenate(
-            (
-                bright * blocks.light_rows[chosen],
-                blocks.light_columns(*light_bases(blocks, missing)),
-            )
-        ),
-        now=np.r_[blocks.light_values[chosen] / bright, np.zeros(sum(map(len, missing)))],
-        roots=tuple(
-            np.diag([*light_sizes(more, fall), *light_sizes(missing, fall)]) for fall in LIGHT_FALLS
-        ),
-        weights=np.zeros(len(chosen)),
+        columns=lambda blocks: blocks.light_columns(*blocks.light_images(lamp))[more],
+        now=blocks.light_values[more] if fitted else np.zeros(np.count_nonzero(more)),
+        roots=tuple(np.diag(lamp.as_uneven(light).weights[more] ** -0.5) for light in lights),
+        weights=lamp.weights[more] if fitted else np.zeros(0),
     )
-
-
-def more_than(terms: LightTerms, own: LightTerms) -> LightTerms:
-    """The products behind the first ones."""
-    return terms[0][len(own[0]) :], terms[1][len(own[1]) :]
-
-
-def of_more_light(count: int, terms: LightTerms, own: LightTerms) -> Array:
-    """Which of a light's `count` coefficients are of the products behind the first ones."""
-    dark = count - len(terms[1]) + len(own[1])
-    return np.asarray(np.r_[len(own[0]) : len(terms[0]), dark:count], int)
 
 
 def sizes_of(cause: Cause, scene: Scene) -> list[float]:
@@ -379,31 +364,3 @@ def wave_root(name: str, root: Array) -> Array:
     every = np.zeros((3, COSINES**2, root.shape[1]))
     every[WAVES[name]] = root.reshape(-1, *every.shape[1:])
     return every.reshape(-1, root.shape[1])
-
-
-def light_sizes(terms: LightTerms, fall: float = LIGHT_FALLS[1]) -> list[float]:
-    """Standard deviations of some light's products, of its brightness."""
-    return [_LIGHT_SIZE * fall ** (i + j - 1) for part in terms for i, j in part]
-
-
-def light_bases(blocks: FrameBlocks, terms: LightTerms) -> tuple[Array, Array]:
-    """The images of some light at the blocks, (k, n) each, as bright as the frame's own."""
-    lamp = blocks.data.lamp
-    light, dark = blocks.light_images(lamp.of(terms))
-    return blocks.brightness * light, blocks.brightness * dark[lamp.dark is not None :]
-
-
-def richer_light(solution: Askable, most: int) -> LightTerms:
-    """The light that frames ask for, product by product: each the one with the most evidence.
-
-    Parameters: `solution`, their fit; `most`, by so many products. Returns the terms of
-    illumination and background, the frames' own first.
-    """
-    terms = solution.terms
-    more = missing_terms(terms, RICHEST)
-
-    def parts() -> Iterator[tuple[Array, Array, Array, Array]]:
-        for blocks in solution.blocks():
-            yield blocks.part(blocks.light_columns(*light_bases(blocks, more)))
-
-    return with_chosen_terms(terms, more, ScoreProducts(parts()).one_by_one(most))

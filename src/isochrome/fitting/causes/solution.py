@@ -10,7 +10,7 @@ from typing import Any, Self
 import numpy as np
 
 from isochrome.errors import PhysicsError
-from isochrome.estimation import FrameData, Prior, block_correlation, local_correlation
+from isochrome.estimation import FrameData, Prior, Unevenness, block_correlation, local_correlation
 from isochrome.fitting.arrays import Array, Mask
 from isochrome.fitting.causes.blocks import (
     BLOCK,
@@ -20,14 +20,7 @@ from isochrome.fitting.causes.blocks import (
     block_side,
     outliers,
 )
-from isochrome.fitting.causes.score import LightTerms
-from isochrome.fitting.causes.trial import (
-    Expected,
-    Trial,
-    TrialModel,
-    light_weights,
-    through_a_lens,
-)
+from isochrome.fitting.causes.trial import Expected, Trial, TrialModel, through_a_lens
 from isochrome.fitting.frame.far_model import student_cost
 from isochrome.fitting.frame.frame_fit import Fitted, FrameFit, fit_with_model, hidden_px
 from isochrome.fitting.frame.frame_model import FrameModel, stored
@@ -41,15 +34,15 @@ class Change:
     """What a fit is made anew with.
 
     `added`, where keys begin that become unknowns; `held`, keys that are unknowns no more, and
-    their values; `begun`, where the other unknowns begin; `terms` of the light; `waves` (3, k) of
-    what no cause explains, all nought for none; `outside` (rows/3, cols/3), blocks that are left
-    out. `far`, whether it does not begin where a fit came to rest.
+    their values; `begun`, where the other unknowns begin; how `uneven` the light is, if it is;
+    `waves` (3, k) of what no cause explains, all nought for none; `outside` (rows/3, cols/3),
+    blocks that are left out. `far`, whether it does not begin where a fit came to rest.
     """
 
     added: dict[str, float] = field(default_factory=dict)
     held: dict[str, Any] = field(default_factory=dict)
     begun: dict[str, float] = field(default_factory=dict)
-    terms: LightTerms | None = None
+    uneven: Unevenness | None
     waves: Array | None = None
     outside: Mask | None = None
     far: bool = False
@@ -137,10 +130,10 @@ class Askable:
         return tuple(dict.fromkeys(self.unknown_keys))
 
     @property
-    def terms(self) -> LightTerms:
-        """The polynomial products of the light."""
-        terms: LightTerms = self.frames[0].lamp.terms
-        return terms
+    def uneven(self) -> Unevenness | None:
+        """How uneven the light is, if it is fitted so."""
+        uneven: Unevenness | None = self.frames[0].lamp.uneven
+        return uneven
 
     @property
     def waves(self) -> Array | None:
@@ -269,11 +262,11 @@ class FrameSolution(Askable):
         return Trial(
             cost=student_cost(over_blocks),
             normal=result.local.information,
-            prior=model.prior.cost(result.values),
+            prior=model.prior.cost(result.values) + part.known,
             weight=model.prior.weight,
             extra=np.array([key in expected.keys for key in keys] + [True] * model.count),
-            light=np.linalg.inv(part.inverse),
-            light_weight=light_weights(part, expected.terms, data.lamp.terms),
+            light=np.linalg.inv(part.inverse) - np.diag(part.weights),
+            light_weight=part.weights,
             excess=result.gamma_fit.noise * block_correlation(model.pixels.keep, residual),
             values=dict(zip(keys, values.tolist(), strict=True)),
             tractions=parts[0],
@@ -312,12 +305,10 @@ class FrameSolution(Askable):
         data = self.data
         keys = tuple(key for key in self.fit.keys if key not in change.held)
         scene = self.fit.scene.with_values(change.begun | change.added | change.held)
-        chosen = change.terms or data.lamp.terms
         if GAMMA in change.added or GAMMA in change.held:  # what no-load frames show is read anew
             data = data.toned(scene.frames.stated_gamma)
-            chosen = data.lamp.with_terms(chosen)
-        if chosen != data.lamp.terms:
-            data = replace(data, lamp=data.lamp.of(chosen))
+        if change.uneven != data.lamp.uneven:
+            data = replace(data, lamp=data.lamp.of(change.uneven))
         if change.waves is not None:
             data = replace(data, waves=change.waves if change.waves.any() else None)
         if change.outside is not None:

@@ -17,12 +17,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from isochrome.estimation import Bounds, FrameData, LinearPart, Prior, cosine_sum
+from isochrome.estimation import Bounds, FrameData, Prior, cosine_sum
 from isochrome.fitting.arrays import Array
 from isochrome.fitting.causes.blocks import COSINES
 from isochrome.fitting.causes.cause import TINY
 from isochrome.fitting.causes.modes import TractionModes
-from isochrome.fitting.causes.score import LightTerms, light_sizes, more_than, of_more_light
 from isochrome.fitting.frame.far_model import FarModel, student_cost
 from isochrome.fitting.frame.frame_fit import turned_over
 from isochrome.fitting.frame.frame_model import RefinedFit
@@ -49,13 +48,11 @@ class Expected:
     """What is known beforehand of what a trial fits besides the unknowns.
 
     `keys` to a middle and a standard deviation; `root` L (k, r) of the covariance of the tractions
-    of `modes`; `order` L (3k, r) of that of what no cause explains; `terms`, the light that all
-    have, and `hidden_px`, the depth above which none is fitted: all are compared over the same
-    pixels.
+    of `modes`; `order` L (3k, r) of that of what no cause explains; `hidden_px`, the depth above
+    which none is fitted: all are compared over the same pixels.
     """
 
     keys: dict[str, tuple[float, float]]
-    terms: LightTerms
     hidden_px: float
     modes: TractionModes | None = None
     root: Array | None = None
@@ -75,8 +72,8 @@ class Trial:
     """A fit to a frame's blocks, and where it came to rest.
 
     `cost` and `normal` (p, p), of the pixels alone; `prior` cost, `weight` (p,) and `extra` (p,),
-    those that not every set has; `light`, the normal equations (k, k) of its products, and the
-    `light_weight` (k,) of theirs; `excess`, the variance of what is left over the noise's; `values`
+    those that not every set has; `light`, the normal equations (k, k) of its products, and their
+    `light_weight` (k,); `excess`, the variance of what is left over the noise's; `values`
     of the keys, `tractions` (k,) of the modes and `waves` (3, k) of what no cause explains,
     None where it has none; `usual_chi`, what a typical block has left over the noise, be others
     odd, 0 where it is not kept.
@@ -163,14 +160,3 @@ class TrialModel(FarModel):
         found += [(turned, self.residual(turned))] if turned else []
         bright = [pair for pair in found if pair[0].gamma_fit.part.positive]
         return min(bright, key=lambda pair: student_cost(pair[1]), default=None)
-
-
-def light_weights(part: LinearPart, own: LightTerms, terms: LightTerms) -> Array:
-    """1/u^2 (k,) of a light's coefficients: of `terms` that are not the frame's `own`; else 0."""
-    more = more_than(terms, own)
-    count = len(part.coefficients)
-    weight = np.zeros(count)
-    weight[of_more_light(count, terms, own)] = (
-        np.array(light_sizes(more)) * part.coefficients[0]
-    ) ** -2.0
-    return weight

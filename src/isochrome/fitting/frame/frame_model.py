@@ -102,7 +102,7 @@ class GammaFit:
     @property
     def noise(self) -> float:
         """The residuals' variance over that of the noise, 1 at least."""
-        return max(1.0, self.cost / max(1, self.residual.size))
+        return max(1.0, self.cost / max(1, self.residual.size - self.part.count))
 
 
 def trusted_pixels(data: FrameData, region: Mask) -> Pixels:
@@ -451,7 +451,7 @@ class LocalModel:
 
     def covariance(self, gamma_fit: GammaFit, noise: Array | None = None) -> Array:
         """Covariance of the values by noise (p, p), by default what `gamma_fit` has left (n,)."""
-        linear, keep = len(gamma_fit.part.coefficients), gamma_fit.problem.keep
+        linear, keep = gamma_fit.part.count, gamma_fit.problem.keep
         residual = gamma_fit.residual if noise is None else noise
         return white_covariance(self.inverse, self.rows, residual, keep, linear=linear)
 
@@ -504,8 +504,8 @@ class RefinedFit:
     @property
     def freedom(self) -> int:
         """Pixels less unknowns, those of the light among them."""
-        linear = len(self.gamma_fit.part.coefficients)
-        return max(1, self.gamma_fit.residual.size - len(self.local.keys) - linear)
+        unknowns = len(self.local.keys) + self.gamma_fit.part.count
+        return max(1, self.gamma_fit.residual.size - unknowns)
 
     @property
     def cost(self) -> float:

@@ -104,7 +104,7 @@ def fitted_light(
     problem = SeparableProblem(data.light[mask] * weight, weight, PixelLight(data.lamp, mask))
     part = solve_linear(problem, signal(stride)[mask].astype(np.float32))
     a, c = np.split(part.coefficients, [problem.light.split])
-    chi = float(np.sqrt(part.cost / max(1, count - len(part.coefficients))))
+    chi = float(np.sqrt(part.cost / max(1, count - part.count)))
     return (
         full_frame.lamp.illumination(a),
         full_frame.lamp.background(c),

@@ -187,7 +187,7 @@ class JointSolution(Askable):
         outside = change.outside
         if outside is not None:
             outside = whole_picture(outside, self.data.shape)
-        data, sequence = self.data.seen(change.terms, outside), self.fit.sequence
+        data, sequence = self.data.seen(change.uneven, outside), self.fit.sequence
         remaining = [k for k, u in enumerate(sequence.unknowns) if u.key not in change.held]
         added = added_unknowns(sequence, tuple(change.added))
         unknowns = (*(sequence.unknowns[k] for k in remaining), *added)

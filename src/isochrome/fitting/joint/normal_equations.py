@@ -150,7 +150,7 @@ def linearise_frame(
     squares = rows @ rows.T
     project(rows, gamma_fit.problem, gamma_fit.part)
     precise = rows.astype(float) if exact else rows
-    freedom = pixels.size - len(gamma_fit.part.coefficients)
+    freedom = pixels.size - gamma_fit.part.count
     return NormalEquations(
         normal=(precise @ precise.T).astype(float),
         middle=gradient_covariance(rows, gamma_fit.residual, pixels.keep),

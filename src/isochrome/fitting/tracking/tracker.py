@@ -15,12 +15,17 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from isochrome.errors import InputError, PhysicsError
-from isochrome.estimation import POOR_CHI, FrameData, prepare_frame, standard_uncertainty
+from isochrome.estimation import (
+    POOR_CHI,
+    FrameData,
+    Unevenness,
+    prepare_frame,
+    standard_uncertainty,
+)
 from isochrome.fitting.arrays import Array, Mask
 from isochrome.fitting.causes.cause import BAND, PLATES, SMOOTH
 from isochrome.fitting.causes.freeing import Freed, free_causes
 from isochrome.fitting.causes.report import cause_messages
-from isochrome.fitting.causes.score import LightTerms
 from isochrome.fitting.causes.slips import is_lost
 from isochrome.fitting.causes.solution import FrameSolution
 from isochrome.fitting.frame.frame_fit import fit_frame, fit_with_model, placed
@@ -63,8 +68,8 @@ class Apparatus:
         The keys that were found.
     covariance : ndarray, (m, m), optional
         Of their values.
-    terms : tuple of tuple, (2,), optional
-        Polynomial products of illumination and background, where they are richer.
+    uneven : Unevenness, optional
+        How uneven the light is, where it was fitted so.
     outside : ndarray of bool, (rows, cols), optional
         Pixels that are left out.
     warnings : tuple of str, optional
@@ -74,7 +79,7 @@ class Apparatus:
     scene: Scene
     keys: tuple[str, ...] = ()
     covariance: Array | None = None
-    terms: LightTerms | None = None
+    uneven: Unevenness | None = None
     outside: Mask | None = None
     warnings: tuple[str, ...] = ()
 
@@ -95,8 +100,8 @@ class Apparatus:
 
     def seen(self, data: FrameData) -> FrameData:
         """A frame with the light and the pixels that are taken."""
-        if self.terms is not None:
-            data = replace(data, lamp=data.lamp.of(self.terms))
+        if self.uneven is not None:
+            data = replace(data, lamp=data.lamp.of(self.uneven))
         if self.outside is not None:
             data = replace(data, valid=data.valid & ~self.outside)
         return data
@@ -161,7 +166,7 @@ def _held(freed: Freed[FrameSolution], scene: Scene, place: int) -> Apparatus:
         scene=scene.with_values(dict(zip(keys, fit.values[at].tolist(), strict=True))),
         keys=keys,
         covariance=fit.covariance[np.ix_(at, at)],
-        terms=freed.now.terms if freed.light else None,
+        uneven=freed.now.uneven,
         outside=freed.stated.data.valid & ~freed.now.data.valid,
         warnings=tuple(f"asked of {named_frames([place])}{held}: " + text for text in said),
     )
