@@ -4,9 +4,12 @@ import numpy as np
 import pytest
 
 from isochrome.estimation import (
+    LIGHT_FALLS,
     PixelLight,
     SeparableProblem,
+    Unevenness,
     frame_light,
+    light_sizes,
     prepare,
     project,
     solve_linear,
@@ -87,3 +90,33 @@ def test_light_by_its_moments_is_least_squares_of_its_images(ends, terms, stride
     project(rows, problem, part)
     best, *_ = np.linalg.lstsq(columns, np.array([row, image]).T)
     assert rows == pytest.approx(np.array([row, image]) - (columns @ best).T, abs=1e-5)
+
+
+@pytest.mark.parametrize("ends", [(None, None), (DARK, BRIGHT), (DARK, None)])
+def test_uneven_light_is_least_squares_with_its_prior_as_data(ends):
+    """Beside `numpy.linalg.lstsq` of the images with a row over its standard deviation for each
+    product besides the first ones; the derivatives are of what the same smoother leaves."""
+    uneven = Unevenness(0.5, LIGHT_FALLS[0], (4, 2))
+    model = frame_light(SHAPE, *ends, uneven=uneven)
+    problem = prepare(PLANE * SIGNAL + 0.1 * X**3, mask=None, sigma=0.01, light=model)
+    lit, dark = problem.columns
+    columns = np.concatenate((lit * SIGNAL.ravel(), dark)).T
+    sizes = 0.5 * np.array(light_sizes(model.terms, LIGHT_FALLS[0]))
+    if ends[1] is not None:
+        sizes[: len(lit)] /= (BRIGHT - DARK).mean()
+    if ends[0] is not None:
+        sizes = np.insert(sizes, len(lit), np.inf)
+    first = np.zeros(len(sizes), bool)
+    first[: len(model.first[0])] = first[len(lit) : len(lit) + 1 + (ends[0] is not None)] = True
+    known = np.diag(1.0 / sizes)[~first]
+    every, nought = np.concatenate((columns, known)), np.zeros(len(known))
+    best, *_ = np.linalg.lstsq(every, np.r_[problem.data, nought])
+    part = solve_linear(problem, SIGNAL.ravel())
+    # images are in single precision, of data of a hundred noises
+    assert part.residual == pytest.approx(problem.data - columns @ best, abs=1e-3)
+    assert part.known == pytest.approx(np.sum(np.square(known @ best)), rel=1e-3)
+    hat = columns @ np.linalg.pinv(every)[:, : problem.size]
+    assert part.count == round(np.trace(hat))
+    rows = problem.data[None].copy()
+    project(rows, problem, part)
+    assert rows[0] == pytest.approx(part.residual, abs=1e-3)

@@ -8,6 +8,7 @@ from fitting.engine_frames import prepared
 from fitting.sliding_bench import bench
 from fitting.test_fit_causes import Defects, frame
 from isochrome import fit, track
+from isochrome.estimation import Unevenness
 from isochrome.fitting import Apparatus, Tracker, placed
 from isochrome.frames import Frame
 from isochrome.output import write_tiff
@@ -172,7 +173,7 @@ def test_a_held_light_and_pixels_are_those_of_every_frame():
     data = prepared(image, bench(*SMALL))
     outside = np.zeros(image.shape, bool)
     outside[40:50, 60:70] = True
-    terms = ((0, 0), (1, 0)), ((0, 0),)
-    seen = Apparatus(scene=bench(*SMALL), terms=terms, outside=outside).seen(data)
-    assert seen.lamp.terms == terms
+    uneven = Unevenness(0.5, 0.7)
+    seen = Apparatus(scene=bench(*SMALL), uneven=uneven, outside=outside).seen(data)
+    assert seen.lamp.uneven == uneven
     assert np.array_equal(seen.valid, data.valid & ~outside)

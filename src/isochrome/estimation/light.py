@@ -20,8 +20,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from isochrome.messages import message
-
 Array = NDArray[Any]
 Mask = NDArray[np.bool_]
 Degrees = tuple[Array, Array]
@@ -66,9 +64,8 @@ class LightModel:
     A = a(y, x) sum_k a_k P_i(y) P_j(x),    C = c_0 d(y, x) + sum_k c_k P_i(y) P_j(x).
 
     The `first` ones may have any size; where it is `uneven`, others follow with a prior. `down`
-    (2 n + 1, rows) and `across` (2 n + 1, cols) are P_0 to P_2n at its rows and columns, for the
-    highest degree n; `dark` and `bright` (rows, cols) the no-load frames where there are any: d is
-    the dark one, and a the bright one less that.
+    (2 n + 1, rows) and `across` (2 n + 1, cols) are P_0 to P_2n, for the highest degree n; `dark`
+    and `bright` (rows, cols) no-load frames: d is the dark one, a the bright one less that.
     """
 
     first: tuple[Terms, Terms]
@@ -107,12 +104,6 @@ class LightModel:
     def degree(self) -> int:
         """The highest degree n of a row's or a column's polynomial."""
         return len(self.down) // 2
-
-    @property
-    def words(self) -> str:
-        """What was fitted where a frame asked for more than the first terms, for a message."""
-        light, dark = (len(terms) for terms in self.terms)
-        return message("light_more_uneven_quadratic_illumination", light=light, dark=dark)
 
     def plain(self) -> LightModel:
         """One amplitude for all the illumination: for a search, or a model that is poor."""

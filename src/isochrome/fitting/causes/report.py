@@ -61,9 +61,7 @@ def cause_messages(freed: Freed[Any], *, light: bool = True) -> tuple[str, ...]:
         messages.append(_unknown_sentence(freed))
     messages += [text for text in map(partial(_contradicted, freed), freed.causes) if text]
     if freed.light and light:
-        messages.append(
-            message("no_load_frames_frames", light_words=freed.now.frames[0].lamp.words)
-        )
+        messages.append(message("no_load_frames_frames"))
     if freed.outside:
         messages.append(message("pixels_left_out_dust", per_cent=per_cent(freed.outside)))
     if messages:

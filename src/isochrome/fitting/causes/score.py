@@ -92,7 +92,7 @@ class Asked(Weighed):
 
     causes: tuple[Cause, ...]
     order_power: Array
-    lights: tuple[Unevenness, ...]
+    lights: tuple[Unevenness, ...] = ()
     outside: Mask | None = None
     beside: Mask | None = None
     modes: TractionModes | None = None
