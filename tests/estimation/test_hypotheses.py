@@ -228,7 +228,8 @@ def test_the_jackknife_by_regions_is_that_of_fits_without_them():
         region=region, fitted=fitted, unknowns=np.arange(2), columns=columns, residual=residual
     )
     evidence, members = found.evidence, found.sets.members[0]
-    roots = evidence.roots[np.concatenate([evidence.places[k] for k in members])]
+    at, size = evidence.places_of(members)
+    roots = size[:, None] * evidence.forms[at]
     moved = []
     for k in range(5):
         some = region != k

@@ -30,7 +30,7 @@ def test_the_modes_stress_is_that_of_the_renderer():
     surface = scene_states(scene)[-1].surface
     grid = pixel_grid(scene).every(3)
     modes = traction_modes(scene, surface, grid.pixel_mm)
-    root = modes.root(0.1, 0.3)
+    root = 0.1 * modes.root(0.3)
     values = root @ np.random.default_rng(0).normal(size=root.shape[1])
     added = scene.with_values({"load.added_tractions": modes.added(values)})
     assert modes.values_of(added.load.added_tractions) == pytest.approx(values, abs=1e-12)
@@ -48,7 +48,7 @@ def test_the_modes_stress_is_that_of_the_renderer():
 def test_the_process_has_its_size_and_no_sum(size, length):
     scene = bench(164, 220)
     modes = traction_modes(scene, scene_states(scene)[-1].surface, 0.05)
-    root = modes.root(size, length)
+    root = size * modes.root(length)
     count = len(modes.inner)
     assert np.abs(root[:count].sum(axis=0)).max() < 1e-9
     assert np.abs(root[count:].sum(axis=0)).max() < 1e-9

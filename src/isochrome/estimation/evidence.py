@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import pairwise
+from itertools import pairwise, product
 from typing import Any
 
 import numpy as np
@@ -48,21 +48,29 @@ class Hypothesis:
     """One way in which something is there.
 
     `name`, of the thing; ways of one name exclude one another. `columns` (k,), its own among all;
-    `root` (k, r), L of its prior's covariance L L'; `log_odds` that it is there; `positive`,
-    whether its one amplitude is positive.
+    `form` (k, r) and `size`, whose product is the `root` L of its prior's covariance L L', a form
+    the same array in ways of other sizes; `log_odds` that it is there; `positive`, whether its one
+    amplitude is positive.
     """
 
     name: str
     columns: slice
-    root: Array
+    form: Array
     log_odds: float
     positive: bool = False
+    size: float = 1.0
+
+    @property
+    def root(self) -> Array:
+        """L (k, r) of its prior's covariance."""
+        return self.size * self.form
 
 
 @dataclass(frozen=True, kw_only=True)
 class Nuisance:
     """Something that may be there: its `columns` (k, n) at an image, their values `now` (k,); the
-    `roots` of its priors, ways that exclude one another; `positive`, whether the first's size is.
+    `roots` of its priors, each in all `sizes`, ways that exclude one another; `positive`, whether
+    the first's amplitude is.
 
     `unknowns`, those of the fit that hold it where it is fitted, and `of_each` (k, unknowns), their
     change with it, by default one each; `weights`, 1/u^2 (c,) of its first columns, which the fit's
@@ -73,6 +81,7 @@ class Nuisance:
     columns: Callable[[Any], Array]
     now: Array
     roots: tuple[NDArray[Any], ...]
+    sizes: tuple[float, ...] = (1.0,)
     positive: bool = False
     unknowns: tuple[int, ...] = ()
     of_each: Array | None = None
@@ -168,12 +177,13 @@ class Sets:
     def moments(self, along: Array, about: Array) -> Array:
         """Mean over the sets of the second moments (p, p) of T (a - about), T = `along` (p, k)."""
         evidence, total = self.evidence, np.zeros((len(along), len(along)))
-        seen = along @ evidence.roots.T
+        seen = along @ evidence.forms.T
         here = along @ about
         for chosen, weight in zip(self.members, self.weights.tolist(), strict=True):
-            at, mean, half = evidence.posterior(chosen)
-            spread = solve_triangular(half, seen[:, at].T, lower=True)
-            off = seen[:, at] @ mean - here
+            (at, size), (mean, half) = evidence.places_of(chosen), evidence.posterior(chosen)
+            of_set = seen[:, at] * size
+            spread = solve_triangular(half, of_set.T, lower=True)
+            off = of_set @ mean - here
             total += weight * (spread.T @ spread + np.outer(off, off))
         return total
 
@@ -231,9 +241,9 @@ class Regions:
         Ann. Stat. 9, 586.
         """
         evidence = weighed.evidence
-        at = np.concatenate([evidence.places[k] for k in weighed.sets.members[0]])
+        at, size = evidence.places_of(weighed.sets.members[0])
         now = (self.residual + weighed.now @ self.columns)[None]
-        stacked = np.concatenate((self.fitted, evidence.roots[at] @ self.columns, now))
+        stacked = np.concatenate((self.fitted, (evidence.forms[at].T * size).T @ self.columns, now))
         stacked /= weighed.noise**0.5
         parts = [stacked[:, self.region == k] for k in np.unique(self.region)]
         grams = np.array([part @ part.T for part in parts])
@@ -281,12 +291,13 @@ def weighed(
             each = np.eye(len(columns)) if nuisance.of_each is None else nuisance.of_each
             along[np.ix_(nuisance.unknowns, columns)] = each.T
         places += columns[: len(nuisance.weights)]
+        ways = list(product(nuisance.sizes, nuisance.roots))
         if nuisance.name in fitted:  # in the middle one of its ways
-            given.append(len(hypotheses) + len(nuisance.roots) // 2)
-        odds = float(np.log(chance / (1.0 - chance) / len(nuisance.roots)))
-        for way, root in enumerate(nuisance.roots):
+            given.append(len(hypotheses) + len(ways) // 2)
+        odds = float(np.log(chance / (1.0 - chance) / len(ways)))
+        for way, (size, form) in enumerate(ways):
             positive = nuisance.positive and way == 0
-            hypotheses.append(Hypothesis(nuisance.name, own, root, odds, positive))
+            hypotheses.append(Hypothesis(nuisance.name, own, form, odds, positive, size))
     counted = np.array(places, int)
     normal = matrix[np.ix_(counted, counted)]
     normal = normal + np.diag(np.concatenate([n.weights for n in nuisances])) / noise
@@ -306,30 +317,47 @@ class Evidence:
 
     def __init__(self, matrix: Array, right: Array, hypotheses: Sequence[Hypothesis]) -> None:
         self.hypotheses = tuple(hypotheses)
-        ends = np.cumsum([0, *(h.root.shape[1] for h in self.hypotheses)])
-        self.places = [np.arange(a, b) for a, b in pairwise(ends.tolist())]
-        self.roots = np.zeros((int(ends[-1]), len(right)))
-        for hypothesis, place in zip(self.hypotheses, self.places, strict=True):
-            self.roots[place, hypothesis.columns] = hypothesis.root.T
+        forms = {id(h.form): h for h in self.hypotheses}
+        ends = np.cumsum([0, *(h.form.shape[1] for h in forms.values())]).tolist()
+        of_form = {key: range(*pair) for key, pair in zip(forms, pairwise(ends), strict=True)}
+        self.places = [np.array(of_form[id(h.form)]) for h in self.hypotheses]
+        self.forms = np.zeros((ends[-1], len(right)))
+        for key, hypothesis in forms.items():
+            self.forms[of_form[key], hypothesis.columns] = hypothesis.form.T
         # with the right side below the matrix one factorisation solves, too; the corner is enough
         # for any set: the prior's part is the unit matrix
-        below = self.roots @ right
-        self._matrix = np.eye(len(below) + 1)
-        # thing by thing, whose ways follow one another: each has few of all columns
+        below = self.forms @ right
+        self._matrix = np.zeros((len(below) + 1, len(below) + 1))
+        # thing by thing, whose forms follow one another: each has few of all columns
         things: dict[str, tuple[slice, slice]] = {}
-        for hypothesis, (first, last) in zip(self.hypotheses, pairwise(ends.tolist()), strict=True):
-            begun = things.get(hypothesis.name, (slice(first, last),))[0]
-            things[hypothesis.name] = slice(begun.start, last), hypothesis.columns
+        for key, hypothesis in forms.items():
+            first = things.get(hypothesis.name, (slice(of_form[key].start, 0),))[0].start
+            things[hypothesis.name] = slice(first, of_form[key].stop), hypothesis.columns
         for rows, of_rows in things.values():
-            part = self.roots[rows, of_rows] @ matrix[of_rows]
+            part = self.forms[rows, of_rows] @ matrix[of_rows]
             for others, columns in things.values():
-                self._matrix[rows, others] += part[:, columns] @ self.roots[others, columns].T
+                self._matrix[rows, others] += part[:, columns] @ self.forms[others, columns].T
         self._matrix[-1, :-1] = self._matrix[:-1, -1] = below
-        self._matrix[-1, -1] += 2.0 * below @ below
+        each = [h.size * below[at] for h, at in zip(self.hypotheses, self.places, strict=True)]
+        self._matrix[-1, -1] = 2.0 * sum(float(part @ part) for part in each)
         few = [k for k, place in enumerate(self.places) if len(place) <= _FEW]
         ends = np.cumsum([0, *(len(self.places[k]) for k in few)]).tolist()
         self._few = {k: range(*pair) for k, pair in zip(few, pairwise(ends), strict=True)}
         self._eliminated: dict[tuple[int, ...], tuple[Array, float]] = {}
+
+    def places_of(self, chosen: Sequence[int]) -> tuple[NDArray[np.intp], Array]:
+        """Places (r,) of a set's amplitudes among all `forms`, and the sizes (r,) of these."""
+        at = np.concatenate([np.zeros(0, int), *(self.places[k] for k in chosen)])
+        sizes = [np.full(len(self.places[k]), self.hypotheses[k].size) for k in chosen]
+        return at, np.concatenate([np.zeros(0), *sizes])
+
+    def _sized(self, chosen: Sequence[int]) -> Array:
+        """1 + L' M L of a set (r + 1, r + 1), with the right side below it."""
+        at, size = self.places_of(chosen)
+        every, size = np.r_[at, len(self._matrix) - 1], np.r_[size, 1.0]
+        matrix = self._matrix.take(every, 0).take(every, 1) * size * size[:, None]
+        matrix.flat[:: len(every) + 1] += 1.0
+        return np.asarray(matrix)
 
     def of(self, chosen: Sequence[int]) -> float:
         """ln E of a set over that of the empty one; -inf where it cannot be."""
@@ -348,35 +376,33 @@ class Evidence:
             log += float((log_ndtr(inverse.T @ white / size) + np.log(2.0)).sum())
         return log + sum(self.hypotheses[k].log_odds for k in chosen)
 
-    def posterior(self, chosen: Sequence[int]) -> tuple[Array, Array, Array]:
-        """Places of a set's amplitudes among all `roots` (r,), their means, and the Cholesky factor
-        of their inverse covariance (r, r); of a positive one the mean of what is positive of it.
+    def posterior(self, chosen: Sequence[int]) -> tuple[Array, Array]:
+        """The means (r,) of a set's amplitudes, and the Cholesky factor of their inverse covariance
+        (r, r); of a positive one the mean of what is positive of it.
         """
-        at = np.concatenate([np.zeros(0, int), *(self.places[k] for k in chosen)])
-        every = np.r_[at, len(self._matrix) - 1]
-        factor = np.linalg.cholesky(self._matrix[every[:, None], every])
+        factor = np.linalg.cholesky(self._sized(chosen))
         half, white = factor[:-1, :-1], factor[-1, :-1]
         mean = solve_triangular(half.T, white, lower=False)
         for j in np.flatnonzero(self._positive(chosen)):
-            unit = np.zeros(len(at))
+            unit = np.zeros(len(mean))
             unit[j] = 1.0
             column = solve_triangular(half.T, solve_triangular(half, unit, lower=True), lower=False)
             size = float(np.sqrt(column[j]))
             far = mean[j] / size
             tail = np.exp(-0.5 * far**2 - 0.5 * np.log(2.0 * np.pi) - log_ndtr(far))
             mean = mean + column * (tail / size)
-        return at, mean, half
+        return np.asarray(mean), np.asarray(half)
 
     def fall(self, chosen: Sequence[int], now: Array) -> float:
         """By how much a set's values `now` (k,) leave -2 ln of its posterior above its least."""
-        at, mean, half = self.posterior(chosen)
-        here = np.linalg.lstsq(self.roots[at].T, now, rcond=None)[0]
+        (at, size), (mean, half) = self.places_of(chosen), self.posterior(chosen)
+        here = np.linalg.lstsq(self.forms[at].T * size, now, rcond=None)[0]
         return float(np.sum(np.square(half.T @ (mean - here))))
 
     def values(self, chosen: Sequence[int]) -> Array:
         """The values a (k,) of all columns in a set."""
-        at, mean, _ = self.posterior(chosen)
-        return np.asarray(self.roots[at].T @ mean)
+        (at, size), (mean, _) = self.places_of(chosen), self.posterior(chosen)
+        return np.asarray(self.forms[at].T @ (size * mean))
 
     def _positive(self, chosen: Sequence[int]) -> NDArray[np.bool_]:
         """Which amplitudes (r,) of a set cannot be negative."""
@@ -389,13 +415,14 @@ class Evidence:
         Sets differ by few more often: what is large is eliminated once.
         """
         if large not in self._eliminated:
-            at = [column for k in large for column in self.places[k]]
-            rest = [*(c for k in self._few for c in self.places[k]), len(self._matrix) - 1]
-            half = np.linalg.cholesky(self._matrix[np.ix_(at, at)])
-            white = solve_triangular(half, self._matrix[np.ix_(at, rest)], lower=True)
+            matrix, count = (
+                self._sized((*large, *self._few)),
+                sum(len(self.places[k]) for k in large),
+            )
+            half = np.linalg.cholesky(matrix[:count, :count])
+            white = solve_triangular(half, matrix[:count, count:], lower=True)
             log = 0.5 * float(white[:, -1] @ white[:, -1]) - float(np.log(np.diag(half)).sum())
-            left = self._matrix[np.ix_(rest, rest)] - white.T @ white
-            self._eliminated[large] = left, log
+            self._eliminated[large] = matrix[count:, count:] - white.T @ white, log
         return self._eliminated[large]
 
 

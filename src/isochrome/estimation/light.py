@@ -109,10 +109,6 @@ class LightModel:
         """One amplitude for all the illumination: for a search, or a model that is poor."""
         return replace(self, first=(self.first[0][:1], self.first[1]), uneven=None)
 
-    def as_uneven(self, uneven: Unevenness) -> LightModel:
-        """An uneven light of the same degrees, with another prior."""
-        return replace(self, uneven=uneven)
-
     def of(self, uneven: Unevenness | None) -> LightModel:
         """The light of a whole frame, as uneven, or as even, as given."""
         shape = self.down.shape[1], self.across.shape[1]

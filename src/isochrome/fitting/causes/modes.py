@@ -50,15 +50,15 @@ class TractionModes:
         """The nodes that may be loaded (n - 2,)."""
         return self.nodes_mm[1:-1]
 
-    def root(self, size: float, length: float) -> Array:
-        """L (2 (n - 2), r) of the prior's covariance L L' of the hats, pressure before shear."""
+    def root(self, length: float) -> Array:
+        """L (2 (n - 2), r) of the covariance L L' of the hats, pressure before shear, of size 1."""
         x = (self.inner[:, None] - self.inner[None, :]) / (length * self.half_width_mm)
         kernel = np.exp(-0.5 * x**2)
         sums = kernel.sum(axis=1)
         kernel -= np.outer(sums, sums) / sums.sum()
         values, vectors = np.linalg.eigh(kernel)
         chosen = values > _LEAST * values[-1]
-        one = size * self.largest_mpa * vectors[:, chosen] * np.sqrt(values[chosen])
+        one = self.largest_mpa * vectors[:, chosen] * np.sqrt(values[chosen])
         return np.kron(np.eye(2), one)
 
     def fields(self, grid: PixelGrid) -> Array:

@@ -7,7 +7,7 @@ About a fit the columns of all that may be there are taken at the frame's blocks
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import TYPE_CHECKING
 
@@ -228,7 +228,7 @@ def _nuisances(
             yield _open_cause(blocks, cause)
     yield _light(blocks, lights)
     waves = np.zeros((3, COSINES**2)) if solution.waves is None else solution.waves
-    spreads = [size * cosine_spread(COSINES, width) for size in SIZES[:-1] for width in WIDTHS]
+    spreads = [cosine_spread(COSINES, width) for width in WIDTHS]
     for name, part in WAVES.items():
         now = waves[part]
         yield Nuisance(
@@ -236,6 +236,7 @@ def _nuisances(
             columns=partial(FrameBlocks.wave_columns, part=part),
             now=now.ravel(),
             roots=tuple(np.diag(np.tile(spread, len(now))) for spread in spreads),
+            sizes=SIZES[:-1],
         )
     if blocks.beside is not None:
         depth = np.arange(SHADOW_BLOCKS)
@@ -253,7 +254,8 @@ def _nuisances(
             name=TRACTIONS,
             columns=FrameBlocks.traction_columns,
             now=modes.values_of(solution.scene.added_tractions),
-            roots=tuple(modes.root(size, length) for size in SIZES for length in LENGTHS),
+            roots=tuple(map(modes.root, LENGTHS)),
+            sizes=SIZES,
         )
 
 
@@ -336,7 +338,7 @@ def _light(blocks: FrameBlocks, lights: tuple[Unevenness, ...]) -> Nuisance:
         name=LIGHT,
         columns=lambda blocks: blocks.light_columns(*blocks.light_images(lamp))[more],
         now=blocks.light_values[more] if fitted else np.zeros(np.count_nonzero(more)),
-        roots=tuple(np.diag(lamp.as_uneven(light).weights[more] ** -0.5) for light in lights),
+        roots=tuple(np.diag(replace(lamp, uneven=light).weights[more] ** -0.5) for light in lights),
         weights=lamp.weights[more] if fitted else np.zeros(0),
     )
 
