@@ -42,7 +42,7 @@ _LIGHT_SIZE, LIGHT_FALLS = 0.05, (0.5, 0.7, 0.9)
 leaves of it: a lamp's, one that is near, one with an edge."""
 
 
-_AT_ONCE = 1 << 18
+_AT_ONCE = 262_144
 """Pixels of images that are made at once: a megabyte stays in the processor's cache."""
 
 

@@ -197,9 +197,12 @@ def polariscope_wave(
         return FringeWave(0.5, -0.5 * chain.ideal * visibility, None, turns)
     if direction is None:
         raise ValueError(message("chain_not_ideal_needs"))
-    w = chain.beta * np.cos(2.0 * direction) + chain.gamma * np.sin(2.0 * direction)
-    straight, crossed = abs(chain.alpha) ** 2, np.abs(w) ** 2
-    mixed = np.imag(chain.alpha * np.conj(w))
+    # |w|² and Im(α w*) of w = β cos 2θ + γ sin 2θ in real numbers: a fourth of the arithmetic
+    alpha, beta, gamma = chain.alpha, chain.beta.conjugate(), chain.gamma.conjugate()
+    c, s = np.cos(2.0 * direction), np.sin(2.0 * direction)
+    straight, both = abs(alpha) ** 2, 2.0 * (beta.conjugate() * gamma).real
+    crossed = (abs(beta) ** 2 * c + both * s) * c + abs(gamma) ** 2 * (s * s)
+    mixed = (alpha * beta).imag * c + (alpha * gamma).imag * s
     mean, cosine = 0.5 * (straight + crossed), 0.5 * (straight - crossed)
     return FringeWave(mean, visibility * cosine, -visibility * mixed, turns)
 

@@ -70,14 +70,21 @@ class FringeOptics:
     ) -> FringeWave:
         """The polariscope's signal, 0..1; `order`, where it is not that of the difference alone."""
         order = self.order(difference) if order is None else order
-        direction = None if self.chain.ideal else principal_direction(difference)
+        direction = None
+        if not self.chain.ideal:
+            direction = principal_direction(difference).astype(order.dtype)
         return polariscope_wave(order, self.chain, direction=direction, visibility=visibility)
 
-    def signal(
-        self, difference: Array, *, order: Array | None = None, visibility: Array | float = 1.0
-    ) -> Array:
-        """The same at the order itself."""
-        return self.wave(difference, order=order, visibility=visibility).light
+    def signal(self, difference: Array, *, visibility: Array | float = 1.0) -> Array:
+        """The same at the order itself, in pieces that stay in the processor's cache."""
+        if self.chain.ideal:
+            return self.wave(difference, visibility=visibility).light
+        visibility = np.broadcast_to(visibility, difference.shape)
+        rows = max(1, _AT_ONCE * len(difference) // max(1, difference.size))
+        pieces = (slice(k, k + rows) for k in range(0, max(1, len(difference)), rows))
+        return np.concatenate([
+            self.wave(difference[piece], visibility=visibility[piece]).light for piece in pieces
+        ])  # fmt: skip
 
 
 def scene_optics(scene: Scene) -> FringeOptics:
@@ -91,6 +98,8 @@ def scene_optics(scene: Scene) -> FringeOptics:
 
 Solve = Callable[[Scene], SceneState]
 
+_AT_ONCE = 16_384
+"""Pixels whose light is made at once: of more, fresh memory takes longer than the arithmetic."""
 _KEPT = 8
 _SHALLOW_PX = 0.25
 """Depth of a pixel's middle above which its order says nothing of its neighbours' slopes."""
@@ -404,7 +413,10 @@ def with_waves(scene: Scene, field: Array, waves: Array) -> Array:
     """
     share, along, across = waves
     fringe = np.float32(1.0 / scene_optics(scene).order_per_mpa)
-    return np.asarray(field + share * field + fringe * (along + np.complex64(1j) * across))
+    result = field * (np.float32(1.0) + share)
+    result.real += fringe * along
+    result.imag += fringe * across
+    return np.asarray(result)
 
 
 def _standing(scene: Scene) -> tuple[Any, ...]:
