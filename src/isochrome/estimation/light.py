@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from itertools import combinations_with_replacement, pairwise, product
+from itertools import combinations_with_replacement, pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -171,8 +171,7 @@ class PixelLight:
 
     Its columns are products P_i(y) P_j(x), and neither they nor their sums are made one by one: as
     P_i P_j = sum_l c_ijl P_l, sums over pixels of v times two of them follow from the moments
-    sum v P_a(y) P_b(x), and a hundred of them cost little more than six. Source of c: Adams (1878),
-    Proc. R. Soc. Lond. 27, 63.
+    sum v P_a(y) P_b(x), and a hundred of them cost little more than six.
     """
 
     model: LightModel
@@ -276,13 +275,14 @@ def _pairs(terms: Terms, others: Terms, degree: int) -> Degrees:
 
 @lru_cache(maxsize=4)
 def _products(degree: int) -> Array:
-    """c ((n + 1)^2, 2 n + 1) of P_i P_j = sum_l c_ijl P_l up to a degree n."""
-    unit = np.eye(degree + 1)
-    table = np.zeros(((degree + 1) ** 2, 2 * degree + 1))
-    for row, (i, j) in zip(table, product(range(degree + 1), repeat=2), strict=True):
-        both = np.polynomial.legendre.legmul(unit[i], unit[j])
-        row[: len(both)] = both
-    return table
+    """c ((n + 1)^2, 2 n + 1) of P_i P_j = sum_l c_ijl P_l up to a degree n, by their integrals with
+    P_l, which Gauss's 2 n + 1 nodes give exactly.
+    """
+    nodes, weights = np.polynomial.legendre.leggauss(2 * degree + 1)
+    every = np.polynomial.legendre.legvander(nodes, 2 * degree)
+    few = every[:, : degree + 1]
+    both = (few[:, :, None] * few[:, None, :]).reshape(len(nodes), -1)
+    return np.asarray((both.T * weights) @ every * (np.arange(2 * degree + 1) + 0.5))
 
 
 def frame_light(

@@ -244,6 +244,12 @@ def _moved(freed: Freed[S], search: _Search) -> Freed[S] | Asked:
     here = freed.fitted.names, left, near
     before = here in seen
     seen.add(here)
+    best = _of_members(asked, asked.sets.members[0])
+    if freed.moves and best.names < freed.fitted.names and (best.names, left, False) not in seen:
+        seen.add((best.names, left, False))
+        fewer = _with(freed, best)
+        if fewer is not None:
+            return fewer
     asked, plans = _plans(freed, asked, search, before=before)
     for plan in plans:
         again = plan.names == freed.fitted.names
