@@ -244,12 +244,8 @@ def _moved(freed: Freed[S], search: _Search) -> Freed[S] | Asked:
     here = freed.fitted.names, left, near
     before = here in seen
     seen.add(here)
-    best = _of_members(asked, asked.sets.members[0])
-    if freed.moves and best.names < freed.fitted.names and (best.names, left, False) not in seen:
-        seen.add((best.names, left, False))
-        fewer = _with(freed, best)
-        if fewer is not None:
-            return fewer
+    if (fewer := _with_fewer(freed, asked, seen, left)) is not None:
+        return fewer
     asked, plans = _plans(freed, asked, search, before=before)
     for plan in plans:
         again = plan.names == freed.fitted.names
@@ -267,6 +263,17 @@ def _moved(freed: Freed[S], search: _Search) -> Freed[S] | Asked:
     if without is None and not near:
         without = _nearer(freed, asked)
     return asked if without is None else without
+
+
+def _with_fewer(freed: Freed[S], asked: Asked, seen: set[_Seen], left: int) -> Freed[S] | None:
+    """The fit with the likeliest set where that is a part of it, and explains as much: blocks, by
+    which trials go, are too wide to tell what little more there is."""
+    best = _of_members(asked, asked.sets.members[0])
+    there = best.names, left, False
+    if not freed.moves or there in seen or not best.names < freed.fitted.names:
+        return None
+    seen.add(there)
+    return _with(freed, best)
 
 
 def _nearer(freed: Freed[S], asked: Asked) -> Freed[S] | None:
