@@ -191,13 +191,13 @@ def test_pixels_whose_model_is_near_black_or_white_are_left_out():
 
 
 @pytest.mark.parametrize(("noise", "scanned"), [(3.0, False), (13.0, True)])
-def test_a_scene_is_taken_at_its_word_where_the_light_is_25_times_the_noise(noise, scanned):
+def test_a_scene_is_taken_at_its_word_where_the_light_is_25_times_the_noise(noise, scanned, scans):
     """In more noise a wrong solution looks as good: all loads are tried there, whatever chi is."""
     seen = scene(camera__noise_grey=noise, load__bulk_mpa=0.0)
     data = prepared(simulate(seen).frames[0], seen)
     found = search_frame(data, seen, (LOAD, LEFT, "load.bulk_mpa"))
-    assert found.scanned is scanned
-    assert found.found[0].chi < 1.1
+    assert bool(scans) is scanned
+    assert found[0].chi < 1.1
 
 
 # Frames without fringes

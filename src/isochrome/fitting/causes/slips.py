@@ -232,7 +232,7 @@ def _tried(slip: _Candidate, keys: tuple[str, ...], lost: bool) -> tuple[float, 
     """
     try:
         if lost:
-            best: Settled | None = search_frame(slip.data, slip.scene, keys).found[0]
+            best: Settled | None = search_frame(slip.data, slip.scene, keys)[0]
         else:
             best = settle_frame(slip.data, slip.scene, keys)
     except (InputError, PhysicsError):

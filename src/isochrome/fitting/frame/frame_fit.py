@@ -205,11 +205,8 @@ def _fit_begun(
     scene = _with_some_blur(scene, keys)
     best = scene
     if start is not _Start.RESTED:
-        search = search_frame(data, scene, keys, prior, cold=start is _Start.COLD)
-        best, others = (
-            search.found[0].scene,
-            tuple(s.minimum for s in search.found[1:] if s.positive),
-        )
+        first, *rest = search_frame(data, scene, keys, prior, cold=start is _Start.COLD)
+        best, others = first.scene, tuple(one.minimum for one in rest if one.positive)
     best = _with_some_blur(best, keys)  # few pixels do not show a little one
     fine = with_numerics(best.model_copy(update={"numerics": scene.numerics}))
     model, final = _final(data, fine, keys, prior, start)

@@ -95,17 +95,6 @@ class Settled:
         return Minimum(self.values, self.chi)
 
 
-@dataclass(frozen=True)
-class Search:
-    """What a search found, those with light first, by rising chi.
-
-    `scanned`, False where the scene's own values led to the noise and nothing else was tried.
-    """
-
-    found: tuple[Settled, ...]
-    scanned: bool
-
-
 def settle_frame(
     data: FrameData, scene: Scene, keys: tuple[str, ...], prior: Prior | None = None
 ) -> Settled | None:
@@ -136,18 +125,20 @@ def search_frame(
     prior: Prior | None = None,
     *,
     cold: bool = True,
-) -> Search:
+) -> tuple[Settled, ...]:
     """Find the values that a frame's fringes may have come from.
 
     Parameters: `data`; `scene`, one state with its place written out; `keys`, the unknowns, with a
     `prior`; `cold`, whether load, friction and bulk stress may be far off, so that what the
-    scene's own values lead to may be wrong. Raises InputError for a key that is no number in the
-    scene, PhysicsError where no values give fringes of the right contrast.
+    scene's own values lead to may be wrong. Returns those with light first, by rising chi: one
+    where the scene's own values led to the noise and no others were tried. Raises InputError for a
+    key that is no number in the scene, PhysicsError where no values give fringes of the right
+    contrast.
     """
     values_of(scene, keys)  # numbers, or refused
     near = settle_frame(data, scene, keys, prior)
     if near is not None and (near.found or (near.positive and not cold)):
-        return Search((near,), scanned=False)
+        return (near,)
     lattice = _Lattice.of(data, scene, keys)
     found = [near] if near else []
     for start in islice(_scanned(data, scene, lattice), _STARTS):
@@ -160,7 +151,7 @@ def search_frame(
         raise PhysicsError("no_start_gives_positive")
     for rival in lattice.rivals(found[0].scene):
         found = _with(found, settle_frame(data, rival, keys, prior), lattice)
-    return Search(tuple(found), scanned=True)
+    return tuple(found)
 
 
 def _with(found: list[Settled], one: Settled | None, lattice: _Lattice) -> list[Settled]:

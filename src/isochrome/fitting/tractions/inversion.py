@@ -50,7 +50,7 @@ from isochrome.fitting.frame.unknowns import (
     values_of,
 )
 from isochrome.fitting.frame_set import refuse_bent
-from isochrome.fitting.search.cold_start import Search, search_frame
+from isochrome.fitting.search.cold_start import Settled, search_frame
 from isochrome.messages import message, warnings_json
 from isochrome.output import with_uncertainty
 from isochrome.scene import Scene
@@ -428,17 +428,17 @@ def invert_tractions(data: FrameData, *scenes: Scene, free_top: bool = False) ->
     for scene in scenes:
         refuse_without_contact(scene)
         searches.append(nearest_contacts(data, scene))
-        if searches[-1].found[0].close:
+        if searches[-1][0].close:
             break
-    search = min(searches, key=lambda one: one.found[0].chi)
-    scene = search.found[0].scene
+    search = min(searches, key=lambda one: one[0].chi)
+    scene = search[0].scene
     if scene.frames.stated_gamma != data.gamma:
         data = data.toned(scene.frames.stated_gamma)
     stage = invert(data, scene, free_top=free_top)
     return _result(stage, data, search)
 
 
-def nearest_contacts(data: FrameData, scene: Scene) -> Search:
+def nearest_contacts(data: FrameData, scene: Scene) -> tuple[Settled, ...]:
     """What deep fringes may have come from: the scene's contact, and a smooth stress."""
     scene = placed(scene, data.shape)
     scene = scene.with_values({key: scene.get(key) or 0.0 for key in SMOOTH_KEYS})
@@ -453,7 +453,7 @@ def refuse_without_contact(scene: Scene) -> None:
     refuse_bent(scene, message("inverted_tractions_leave_out"))
 
 
-def _result(stage: Stage, data: FrameData, search: Search) -> Tractions:
+def _result(stage: Stage, data: FrameData, search: tuple[Settled, ...]) -> Tractions:
     model, values = stage.model, stage.fit.values
     scene, n, m = stage.scene, len(model.nodes_mm), FRICTION_LIMIT
     pressure, shear = model.tractions(values)
@@ -476,7 +476,7 @@ def _result(stage: Stage, data: FrameData, search: Search) -> Tractions:
     )  # fmt: skip
 
 
-def what_to_say(stage: Stage, search: Search, load: Measured) -> tuple[str, ...]:
+def what_to_say(stage: Stage, search: tuple[Settled, ...], load: Measured) -> tuple[str, ...]:
     """Warnings about an inversion, from its last stage, and from the search for its start."""
     result = []
     worst, unsure = local_chi(stage), load.standard_uncertainty / load.value
@@ -486,7 +486,7 @@ def what_to_say(stage: Stage, search: Search, load: Measured) -> tuple[str, ...]
         result.append(message("chi_one_place_near", worst=worst))
     if not stage.fit.converged:
         result.append(message("inversion_did_not_converge"))
-    best, *others = search.found
+    best, *others = search
     if any(one.positive and one.chi < ALIKE_CHI * best.chi for one in others):
         result.append(message("other_resultants_explain_deep"))
     if unsure > _UNCERTAIN:
