@@ -35,7 +35,7 @@ def test_uncertainties_are_widened_by_chi():
 def stage():
     data = VIEW.data()
     search = inversion.nearest_contacts(data, VIEW.scene())
-    return inversion.invert(data, search.found[0].scene, free_top=False), search
+    return inversion.invert(data, search[0].scene, free_top=False), search
 
 
 @pytest.mark.parametrize(("share", "said"), [(0.0098, False), (0.0102, True)])
