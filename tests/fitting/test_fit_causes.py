@@ -94,11 +94,13 @@ def test_a_camera_light_and_plates_that_are_not_ideal_are_found_and_named(key, d
 
 
 @pytest.mark.long
-def test_light_that_needs_more_products_than_a_trial_has_is_described():
-    """A spot and a bar before a whole frame: chi is 1.9 as stated; no trial explains a block."""
-    row = case_defects.judged("single", 23)
-    assert row.defects == "light" and row.named and row.chi < 1.02
-    assert max(abs(row.load_pull), abs(row.friction_pull)) < 4.0
+@pytest.mark.parametrize("seed", [8, 23])
+def test_light_of_high_degrees_is_one_thing(seed):
+    """A spot and a bar before a whole frame. Made richer product by product, the first one's left
+    an order and a stress that were not there, and a load 21 of its standard uncertainties off."""
+    row = case_defects.judged("single", seed)
+    assert row.defects == "light" and row.named and row.chi < 1.01
+    assert max(abs(row.load_pull), abs(np.nan_to_num(row.friction_pull))) < 3.0
 
 
 @pytest.mark.long
