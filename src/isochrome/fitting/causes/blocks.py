@@ -14,7 +14,7 @@ from isochrome.estimation import STEP, FrameData, LightModel, block_correlation,
 from isochrome.fitting.arrays import Array, Mask
 from isochrome.fitting.causes.cause import BAND, FRINGE_VALUE, MODULUS, PAST, SOFT, YOUNG, Cause
 from isochrome.fitting.causes.modes import TractionModes, traction_modes
-from isochrome.fitting.frame.far_model import SLIGHT
+from isochrome.fitting.frame.far_model import by_field
 from isochrome.fitting.frame.frame_model import GammaFit, Pixels, gamma_slope, trust_of_slopes
 from isochrome.fitting.frame.renderer import SceneRenderer, scene_optics
 from isochrome.fitting.frame.unknowns import BLUR, GAMMA, LENS, PIXEL, SMOOTH_KEYS, thinning
@@ -234,12 +234,7 @@ class FrameBlocks:
     @cached_property
     def _by_field(self) -> tuple[Array, Array]:
         """Weighted derivatives by both parts of the stress difference (n,), 1/MPa."""
-        step = np.float32(SLIGHT / scene_optics(self.scene).order_per_mpa)
-        along, across = (
-            (self._signal(self.scene, self._fields[0] + step * turn) - self._here) / step
-            for turn in (np.complex64(1.0), np.complex64(1j))
-        )
-        return along * self._gain, across * self._gain
+        return by_field(scene_optics(self.scene), *self._fields, self._here, self._gain)
 
     def _turned(self, change: Array) -> Array:
         """By a change of the stress difference (n,), MPa."""
@@ -304,10 +299,10 @@ class FrameBlocks:
         change = across * (after[0] - before[0]) + down * (after[1] - before[1])
         return np.asarray(change * self._gain / (self.scene.get(PIXEL) * step))
 
-    def _signal(self, scene: Scene, field: Array | None = None) -> Array:
-        """The signal at the blocks for a scene's own optics, and a field (n,)."""
-        field = self._fields[0] if field is None else field
-        return scene_optics(scene).signal(field, visibility=self._fields[1])
+    def _signal(self, scene: Scene) -> Array:
+        """The signal at the blocks for a scene's own optics."""
+        field, shown = self._fields
+        return scene_optics(scene).signal(field, visibility=shown)
 
 
 def less_means(values: Array, lines: Array, share: float) -> Array:

@@ -22,7 +22,7 @@ from isochrome.fitting.frame.frame_model import (
     trust_of_slopes,
     turned_row,
 )
-from isochrome.fitting.frame.renderer import scene_optics
+from isochrome.fitting.frame.renderer import FringeOptics, scene_optics
 from isochrome.fitting.frame.unknowns import BLUR, moved_scene, scales
 
 TOLERANCE = 0.5
@@ -38,7 +38,7 @@ _OPTICAL = ("polariscope.", "frames.", "specimen.fringe_value", "specimen.thickn
 """How keys begin that change more than the field, or something else."""
 _AMPLITUDE = np.float32(0.03)
 """Change of an amplitude, in standard deviations of its prior."""
-SLIGHT = 3e-4
+_SLIGHT = 3e-4
 """Fringes by which the field is changed for its slopes."""
 
 
@@ -50,6 +50,21 @@ def student_root(residual: Array) -> Array:
 def student_cost(residual: Array) -> float:
     """-2 ln of Student's t of the residuals, up to a constant."""
     return float(np.sum((_DEGREES + 1.0) * np.log1p(np.square(residual) / _DEGREES), dtype=float))
+
+
+def by_field(
+    optics: FringeOptics, field: Array, shown: Array, signal: Array, gain: Array
+) -> tuple[Array, Array]:
+    """Weighted derivatives (n,) by both parts of a stress difference, 1/MPa, about its `signal`.
+
+    `shown`, the visibility, which changes little; `gain`, the weighted illumination.
+    """
+    step = np.float32(_SLIGHT / optics.order_per_mpa)
+    along, across = (
+        (optics.signal(field + step * turn, visibility=shown) - signal) * (gain / step)
+        for turn in (np.complex64(1.0), np.complex64(1j))
+    )
+    return along, across
 
 
 class FarModel(FrameModel):
@@ -141,11 +156,8 @@ class FarModel(FrameModel):
         for j, (turn, step) in turns.items():
             rows[j] = turned_row(optics, field, shown, turn[keep], step, gamma_fit)
         if self.slight:
-            step = np.float32(SLIGHT / optics.order_per_mpa)
-            along, across = (
-                turned_row(optics, field, shown, turn, step, gamma_fit)
-                for turn in (np.complex64(1.0), np.complex64(1j))
-            )
+            part = gamma_fit.part
+            along, across = by_field(optics, field, shown, part.signal, part.amplitude)
             for row, turn in zip(rows[number + last :], self.fields[last:], strict=True):
                 row[:] = along * turn.real[keep] + across * turn.imag[keep]
         names = (*self.keys, *(f"mode {k}" for k in range(self.count)))
