@@ -415,10 +415,8 @@ class Evidence:
         Sets differ by few more often: what is large is eliminated once.
         """
         if large not in self._eliminated:
-            matrix, count = (
-                self._sized((*large, *self._few)),
-                sum(len(self.places[k]) for k in large),
-            )
+            matrix = self._sized((*large, *self._few))
+            count = sum(len(self.places[k]) for k in large)
             half = np.linalg.cholesky(matrix[:count, :count])
             white = solve_triangular(half, matrix[:count, count:], lower=True)
             log = 0.5 * float(white[:, -1] @ white[:, -1]) - float(np.log(np.diag(half)).sum())
