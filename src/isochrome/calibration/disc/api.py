@@ -24,12 +24,12 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from numpy.polynomial.polynomial import polyval2d
 from numpy.typing import NDArray
 
 from isochrome.calibration.disc.disc_field import (
     FEWEST_LOADS,
     Circle,
+    Complexes,
     DiscPixels,
     check_scans,
     choose_centre_orders,
@@ -37,6 +37,7 @@ from isochrome.calibration.disc.disc_field import (
     disc_mask,
     disc_order,
     fit_rise,
+    load_field,
     overlay,
     rise_with_load,
     scan_disc,
@@ -94,8 +95,6 @@ def fit_disc(shot: Shot, starts: Array) -> Array:
     return best.values
 
 
-Complexes = NDArray[np.complex128]
-
 DEGREE = 4
 _POWERS = tuple((i, t - i) for t in range(DEGREE + 1) for i in range(t + 1))
 
@@ -129,32 +128,15 @@ def simple_residual(even: float, round_: float) -> Array:
     return np.concatenate([np.zeros(len(_POWERS)), real, imaginary])
 
 
-def load_field(rows: Array, cols: Array, geometry: Array) -> tuple[Array, Complexes]:
-    """The loads' field over its centre value: its size h and its direction, seen by the residual.
-
-    Parameters: `rows`, `cols` (n,), px; `geometry`, row, column, radius (px) and angle (rad) as in
-    `disc_field.disc_order`. Returns h (n,) and v (n,) such that the order is
-    |N h + v D_0| for a residual D_0 in the image's axes.
-    """
-    angle, (x, z) = geometry[3], _places(geometry, rows, cols)
-    s = (x - 1j * z) * np.exp(-1j * angle)
-    below = s**2 + 1.0
-    size = np.square(np.abs(below)) + 1e-12
-    return (1.0 - x**2 - z**2) / size, below**2 / size * np.exp(2j * angle)
-
-
 def total_order(unknowns: Array, amplitudes: Array, rows: Array, cols: Array) -> Complexes:
     """The order of loads and residual as a complex number in the loads' directions (n,).
 
     Parameters: `unknowns` (5,), see `disc_order`; the residual's `amplitudes` (k,); `rows`, `cols`.
     """
     h, turn = load_field(rows, cols, unknowns[1:])
-    along, real, imaginary = np.split(amplitudes, 3)
-    powers = np.zeros((2, DEGREE + 1, DEGREE + 1), complex)
-    powers[(slice(None), *np.transpose(_POWERS))] = along, real + 1j * imaginary
-    x, z = _places(unknowns[1:], rows, cols)
-    of_loads, free = (polyval2d(x, z, p) for p in powers)
-    return np.asarray(unknowns[0] * h + of_loads + turn * free)
+    powers = _powers(*_places(unknowns[1:], rows, cols))
+    along, real, imaginary = amplitudes.reshape(3, -1) @ powers
+    return np.asarray(unknowns[0] * h + along + turn * (real + 1j * imaginary))
 
 
 def by_residual(unknowns: Array, amplitudes: Array, rows: Array, cols: Array) -> Array:
@@ -162,8 +144,8 @@ def by_residual(unknowns: Array, amplitudes: Array, rows: Array, cols: Array) ->
     _, turn = load_field(rows, cols, unknowns[1:])
     total = total_order(unknowns, amplitudes, rows, cols)
     direction = np.conj(total) / np.maximum(np.abs(total), 1e-12)
-    turned, real = turn * direction, _powers(*_places(unknowns[1:], rows, cols))
-    return np.concatenate([direction.real * real, turned.real * real, -turned.imag * real])
+    members = residual_basis(*_places(unknowns[1:], rows, cols), turn)
+    return np.asarray((direction * members).real)
 
 
 def _places(geometry: Array, rows: Array, cols: Array) -> tuple[Array, Array]:
@@ -183,8 +165,8 @@ RESIDUAL = "residual stress"
 RESIDUAL_LOADS = 3
 """Different loads, zero among them, below which a residual field is not looked for."""
 
-LARGEST = np.array([0.3, 0.03, 0.03, 0.03, 0.05])
-"""Largest move of an image's own unknowns in one step (fringes, radii, rad)."""
+MOST_FRINGES, MOST_RADII = 0.3, 0.03
+"""Largest moves of an image's own unknowns in one step; of the angle as much in rad."""
 
 
 def fit_disc_set(
@@ -280,7 +262,7 @@ def disc_kind(radius: float, several_loads: bool) -> Kind:
     return Kind(
         besides=RESIDUAL, order=order, by_besides=by_residual,
         sizes=SIZES if several_loads else SIZES[:0],
-        largest=LARGEST * np.array([1.0, radius, radius, radius, 1.0]),
+        largest=np.array([MOST_FRINGES, *[MOST_RADII * radius] * 3, MOST_RADII]),
         idle=lambda first, _: np.concatenate([[0.0], first[1:]]), idle_largest=np.zeros(0),
     )  # fmt: skip
 
