@@ -36,6 +36,7 @@ from isochrome.estimation import (
     FEW_TERMS,
     FIRST_DEGREES,
     MOSTLY,
+    RICHEST,
     RIVAL_CHI,
     Nuisance,
     ScoreProducts,
@@ -67,10 +68,6 @@ Array = NDArray[np.float64]
 _ROUNDS = 8
 """Times that a set is asked, its light made richer and its outliers looked for: an end of loops
 that come to rest by themselves."""
-
-_RICHEST = 24, 12
-"""Degrees of illumination and background up to which light is made richer, product by product: a
-glare adds light in a twelfth of the picture."""
 
 _OUTLIER = 6.0
 """Residual in noises beyond which a pixel is no accident, and is left out with its neighbours."""
@@ -182,7 +179,7 @@ def _with(fit: SetFit, names: frozenset[str]) -> SetFit:
         again = result.levelled()
         result = again.model.fit(again.values)
     for _ in range(_ROUNDS if LIGHT in names else 0):
-        more = missing_terms(result.model.terms, _RICHEST)
+        more = missing_terms(result.model.terms, RICHEST)
         bases = result.model.weighted(more)
         columns = map(result.point.columns, range(len(bases)), bases)
         chosen = _score(result, columns).one_by_one(FEW_TERMS)
