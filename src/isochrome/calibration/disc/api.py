@@ -440,12 +440,7 @@ def _found(
     """
     scans = [scan_disc(shot) for shot in loaded]
     circles = [s.circle for s in scans]
-    overlaid = overlay(loaded, circles)
-    rise = rise_with_load(overlaid)
-    clear = rise if rise is not None and rise.clear else None
-    orders = choose_centre_orders(
-        scans, [s.load_n for s in loaded], rise_per_n=clear.slope if clear else None
-    )
+    orders = choose_centre_orders(scans, [s.load_n for s in loaded])
     starts = [scan.starts(order) for scan, order in zip(scans, orders, strict=True)]
     refused: PhysicsError | None = None
     try:
@@ -454,8 +449,10 @@ def _found(
         unknowns, refused = [start[0] for start in starts], error
     set_fit = fit_disc_set(loaded, idle, np.array(unknowns), held)
     if refused is not None and not (RESIDUAL in set_fit.model.free and set_fit.explained):
-        if clear is None:
+        overlaid = overlay(loaded, circles)
+        rise = rise_with_load(overlaid)
+        if rise is None or not rise.clear:
             check_scans(scans, loaded)
             raise refused
-        return fit_rise(loaded, circles, overlaid, clear, diameter_mm), None, None
+        return fit_rise(loaded, circles, overlaid, rise, diameter_mm), None, None
     return *disc_images(set_fit, [c.radius for c in circles], diameter_mm), set_fit

@@ -266,9 +266,6 @@ ANGLES_DEG = np.linspace(-LARGEST_TILT, LARGEST_TILT, 7)
 MOST_AT_REST = 0.5
 """Largest part of the highest load's order that may be there at zero load."""
 
-SLOPE_SLACK = 0.05
-"""How far a line's slope may be from the rise that the pixels show."""
-
 
 @dataclass(frozen=True)
 class Scan:
@@ -324,14 +321,8 @@ def scan_disc(shot: Shot) -> Scan:
     return Scan(circle, geometries, np.array(chi), float(np.sqrt(smooth.cost / problem.size)))
 
 
-def choose_centre_orders(
-    scans: Sequence[Scan], loads_n: Sequence[float], *, rise_per_n: float | None = None
-) -> Array:
-    """Each image's starting order, from its own scan or from the line that suits all loads.
-
-    Parameters: `scans` (n,), `loads_n` (n,); `rise_per_n`, the line's slope where it is known
-    (fringe/N, to 5 %), see `rise_with_load`. Returns the orders (n,).
-    """
+def choose_centre_orders(scans: Sequence[Scan], loads_n: Sequence[float]) -> Array:
+    """Each image's starting order (n,), from its own scan or from the line that suits all loads."""
     loads = np.asarray(loads_n, dtype=float)
     # ln chi above its minimum; a wrong contrast counts as no fringes at all
     chis = [np.minimum(s.curve, s.smooth_chi) for s in scans]
@@ -343,8 +334,6 @@ def choose_centre_orders(
     slope = (last - first) / (high - low)
     at_no_load = first - slope * low
     total = np.where((slope > 0) & (np.abs(at_no_load) <= MOST_AT_REST * last), 0.0, np.inf)
-    if rise_per_n is not None:
-        total[np.abs(slope / rise_per_n - 1.0) > SLOPE_SLACK] = np.inf
     for cost, load in zip(costs, loads, strict=True):
         total += np.interp(first + slope * (load - low), ORDERS, cost)
     i, j = np.unravel_index(int(np.argmin(total)), total.shape)

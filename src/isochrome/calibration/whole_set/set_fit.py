@@ -26,6 +26,7 @@ from isochrome.calibration.whole_set.set_model import (
     GREEN_NM,
     LENS,
     SHARED,
+    USUAL_SIZES,
     Light,
     SetFit,
     SetModel,
@@ -381,9 +382,6 @@ def _order_columns(fit: SetFit, index: int) -> Array:
     return np.asarray(waves * (slope * order))
 
 
-SLIGHT = 0.01
-"""Relative difference below which a scale that is taken as exact is not refused."""
-
 NAMES = {key: cause.name for cause in CAUSES for key in cause.keys}
 """What a scene's keys are the causes of."""
 
@@ -512,6 +510,8 @@ def stated_values(given: CalibrationSet) -> dict[str, float]:
     return {key: value for key, value in held.items() if value}
 
 
+PIXEL = "camera.pixel_mm"
+
 EDGE_PX = 0.5
 """What an edge, or a rim, itself is uncertain by: a bevel, the light that it scatters, and how a
 point load's field fits to a disc's."""
@@ -531,8 +531,8 @@ def contradiction(
     sizes = np.asarray(sizes_px, dtype=float)
     size_px, spread_px = float(np.median(sizes)), float(np.hypot(2.0 * EDGE_PX, np.std(sizes)))
     stated = size_mm / pixel_mm
-    size, pixel = getattr(known, name) or 0.0, known.pixel_mm or 0.0
+    size, pixel = getattr(known, name) or 0.0, known.pixel_mm or USUAL_SIZES[PIXEL] * pixel_mm
     off, parts = abs(size_px / stated - 1.0), (spread_px / stated, size / size_mm, pixel / pixel_mm)
-    if off <= max(CONTRADICTED * float(np.linalg.norm(parts)), SLIGHT):
+    if off <= CONTRADICTED * float(np.linalg.norm(parts)):
         return None
     return (size_px, spread_px), stated, off

@@ -55,10 +55,10 @@ EXPOSURES = "an exposure and stray light of each image"
 GREEN_NM = 550.0
 """The wavelength that a band's width is counted at: its share of the wavelength is what shows."""
 
-_KEYS = {key: size for cause in CAUSES for key, size in zip(cause.keys, cause.sizes, strict=True)}
-SIZES = {key: _KEYS[key] ** 2 if key in EVEN else _KEYS[key] for key in SHARED}
-"""Standard deviations on usual benches, see `fitting.causes`. `STEP` of these is that of their
-derivatives."""
+USUAL_SIZES = {k: size for cause in CAUSES for k, size in zip(cause.keys, cause.sizes, strict=True)}
+"""Standard deviations on usual benches, see `fitting.causes`; of a pixel the share of it."""
+SIZES = {key: USUAL_SIZES[key] ** 2 if key in EVEN else USUAL_SIZES[key] for key in SHARED}
+"""Those of what enters a set's model. `STEP` of these is that of their derivatives."""
 
 _BAND_SHARE = np.pi**2 / (4.0 * np.log(2.0) * GREEN_NM**2)
 """The model's `a` of a Gaussian band, over its squared full width at half height."""
@@ -464,12 +464,10 @@ class SetPoint:
             if index:
                 rows[index - 1] = coefficients @ self.columns(index)
             return rows
-        shared, bright = model.shared(self.values), model.shots[index].bright
+        shared = model.shared(self.values)
         if name == model.kind.besides:
-            unknowns, besides = (
-                model.unknowns_of(index, self.values),
-                model.value(self.values, name),
-            )
+            unknowns = model.unknowns_of(index, self.values)
+            besides = model.value(self.values, name)
             by = model.kind.by_besides(unknowns, besides, *model.looked_at(index, shared))
             return np.asarray(by * self.by_order(index)[1])
         step = STEP * SIZES[name]
@@ -478,11 +476,7 @@ class SetPoint:
             columns = later.columns(index, model.bases[index]) - self.columns(index)
             change = coefficients @ columns - image.toned(later.gamma) + image.toned(self.gamma)
             return np.asarray(change / step)[None]
-        moved = {name: shared[name] + step}
-        if name in LENS:
-            signal = model.signal(index, self.values, moved)
-        else:  # the orders stay
-            signal = seen(self.orders[index], shared | moved, bright)
+        signal = model.signal(index, self.values, {name: shared[name] + step})
         return np.asarray((signal - self.signals[index]) * gain / step)[None]
 
     def rows(self, index: int) -> tuple[Array, NDArray[np.intp]]:
