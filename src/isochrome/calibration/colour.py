@@ -150,8 +150,6 @@ def image_exposures(
     count, lit, low = np.moveaxis(np.stack(sums), 1, 0)
     lit, low = lit / np.maximum(count, 1.0), low / np.maximum(count, 1.0)
     factors = _relative(count, lit, low)
-    if np.ptp(np.log(factors)) < ALIKE:
-        factors = np.ones(len(factors))
     weight = np.maximum(count.sum(axis=0), 1.0)
     table = ((factors[:, None, None] * lit - low) * count).sum(axis=0) / weight
     covered = (count.sum(axis=0) >= _LEAST_PIXELS).all(axis=1)
