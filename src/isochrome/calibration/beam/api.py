@@ -41,7 +41,7 @@ from isochrome.calibration.whole_set.set_fit import (
     alike_fits,
     best_first,
     calibration_of,
-    contradiction,
+    check_stated_size,
     fit_set,
     set_image,
     stated_values,
@@ -49,7 +49,6 @@ from isochrome.calibration.whole_set.set_fit import (
 from isochrome.calibration.whole_set.set_model import Kind, SetFit, SetModel
 from isochrome.errors import InputError, PhysicsError
 from isochrome.messages import message
-from isochrome.output import with_uncertainty
 
 Array = NDArray[np.float64]
 
@@ -465,19 +464,8 @@ def bending_from_shots(shots: Sequence[Shot], given: CalibrationSet) -> Calibrat
     if not unloaded:
         messages += unused(idle, message("because_light_not_loaded"))
     distances = [view.edges_px for view in views if view.edges_px]
-    wrong = contradiction(distances, "height_mm", beam.height_mm, given) if distances else None
-    if wrong:
-        (apart, spread), stated, off = wrong
-        fitting = beam.height_mm / apart
-        raise InputError(
-            "beam_edges_px_apart",
-            with_uncertainty=with_uncertainty(apart, spread),
-            height_mm=beam.height_mm,
-            pixel_mm=pixel_mm,
-            stated=stated,
-            off=off,
-            with_uncertainty_2=with_uncertainty(fitting, fitting * spread / apart),
-        )
+    if distances:
+        check_stated_size(distances, "height_mm", beam.height_mm, given, "beam_edges_px_apart")
     arm = beam.outer_span_mm - beam.inner_span_mm
     inputs = (
         Input("height", known.height_mm, "mm", 3.0 / beam.height_mm),

@@ -45,22 +45,21 @@ from isochrome.calibration.disc.disc_field import (
 )
 from isochrome.calibration.order_line import Input
 from isochrome.calibration.result import Calibration, ImageFit
-from isochrome.calibration.settings import CalibrationSet, Disc, SetLike, load_set
+from isochrome.calibration.settings import CalibrationSet, SetLike, load_set
 from isochrome.calibration.shot import FEWEST_FRINGES, PIXELS, RIM, Shot, calibrate_channels, unused
 from isochrome.calibration.whole_set.set_fit import (
     alike_fits,
     best_first,
     calibration_of,
-    contradiction,
+    check_stated_size,
     fit_set,
     set_image,
     stated_values,
 )
 from isochrome.calibration.whole_set.set_model import Kind, SetFit, SetModel
-from isochrome.errors import InputError, PhysicsError
+from isochrome.errors import PhysicsError
 from isochrome.estimation import ALIKE_CHI
 from isochrome.messages import message
-from isochrome.output import with_uncertainty
 
 Array = NDArray[np.float64]
 
@@ -324,21 +323,6 @@ def residual_of(fit: SetFit, diameter_mm: float) -> dict[str, Any] | None:
     }
 
 
-def check_diameter(images: Sequence[ImageFit], disc: Disc, given: CalibrationSet) -> None:
-    """Refuse a diameter and a pixel size that the rim contradicts beyond their uncertainties.
-
-    Raises InputError with both numbers.
-    """
-    diameters = [2.0 * image.geometry["radius_px"] for image in images]
-    wrong = contradiction(diameters, "diameter_mm", disc.diameter_mm, given)
-    if wrong:
-        outline, stated, off = wrong
-        raise InputError(
-            "disc_px_wide_disc", with_uncertainty=with_uncertainty(*outline),
-            diameter_mm=disc.diameter_mm, pixel_mm=given.camera.pixel_mm, stated=stated, off=off,
-        )  # fmt: skip
-
-
 def calibrate_disc(source: SetLike) -> Calibration:
     """Calibrate the material fringe value from images of a disc under diametral compression.
 
@@ -421,7 +405,10 @@ def disc_from_shots(shots: Sequence[Shot], given: CalibrationSet) -> Calibration
     else:
         residual = residual_of(fit, disc.diameter_mm)
         if given.camera.pixel_mm is not None:
-            check_diameter(images, disc, given)
+            diameters = [2.0 * image.geometry["radius_px"] for image in images]
+            check_stated_size(
+                diameters, "diameter_mm", disc.diameter_mm, given, "disc_px_wide_disc"
+            )
     if residual is not None:
         size, form = residual["largest_order"], residual["form"]
         messages.append(message("residual_stress_up_fringe", size=size, form=form))

@@ -32,6 +32,7 @@ from isochrome.calibration.whole_set.set_model import (
     SetModel,
     SetPoint,
 )
+from isochrome.errors import InputError
 from isochrome.estimation import (
     ALIKE_CHI,
     FEW_TERMS,
@@ -517,22 +518,24 @@ EDGE_PX = 0.5
 point load's field fits to a disc's."""
 
 
-def contradiction(
-    sizes_px: ArrayLike, name: str, size_mm: float, given: CalibrationSet
-) -> tuple[tuple[float, float], float, float] | None:
-    """What the images say against a size and a pixel's, beyond all their uncertainties.
+def check_stated_size(
+    sizes_px: ArrayLike, name: str, size_mm: float, given: CalibrationSet, code: str
+) -> None:
+    """Refuse a size and a pixel's that the images contradict beyond all their uncertainties.
 
     Parameters: the size as each image shows it; the `name` of its key and its value in the set
-    `given`. Returns what is seen with its standard uncertainty, what is stated (px) and how far it
-    is off; None where they agree.
+    `given`; the `code` of what is said. Raises InputError.
     """
     known, pixel_mm = given.uncertainty, given.camera.pixel_mm
     assert pixel_mm is not None
     sizes = np.asarray(sizes_px, dtype=float)
     size_px, spread_px = float(np.median(sizes)), float(np.hypot(2.0 * EDGE_PX, np.std(sizes)))
-    stated = size_mm / pixel_mm
+    stated, fitting = size_mm / pixel_mm, size_mm / size_px
     size, pixel = getattr(known, name) or 0.0, known.pixel_mm or USUAL_SIZES[PIXEL] * pixel_mm
     off, parts = abs(size_px / stated - 1.0), (spread_px / stated, size / size_mm, pixel / pixel_mm)
-    if off <= CONTRADICTED * float(np.linalg.norm(parts)):
-        return None
-    return (size_px, spread_px), stated, off
+    if off > CONTRADICTED * float(np.linalg.norm(parts)):
+        raise InputError(
+            code, **{name: size_mm}, pixel_mm=pixel_mm, stated=stated, off=off,
+            with_uncertainty=with_uncertainty(size_px, spread_px),
+            with_uncertainty_2=with_uncertainty(fitting, fitting * spread_px / size_px),
+        )  # fmt: skip
