@@ -58,6 +58,7 @@ from isochrome.fitting import (
     NAMED,
     ORDER,
     RARE,
+    SIZES,
     SUSPECTED,
     WIDTHS,
     light_sizes,
@@ -74,8 +75,8 @@ that come to rest by themselves."""
 _OUTLIER = 6.0
 """Residual in noises beyond which a pixel is no accident, and is left out with its neighbours."""
 
-_COSINES, _ORDERS = 5, np.geomspace(0.001, 0.03, 4)
-"""Cosines along each side of the picture; standard deviations of an unknown part of the orders."""
+_COSINES = 5
+"""Cosines along each side of the picture that an unknown part of the orders is made of."""
 
 
 def fit_set(model: SetModel, unknowns: Array, besides: Array | None = None) -> SetFit:
@@ -324,7 +325,9 @@ def _nuisances(fit: SetFit) -> Iterator[Nuisance]:
         columns=partial(_order_columns, fit),
         now=np.zeros(_COSINES**2 - 1),
         # Gaussian processes on their cosines; the even one left out is the fringe value itself
-        roots=tuple(s * np.diag(cosine_spread(_COSINES, w)[1:]) for s in _ORDERS for w in WIDTHS),
+        roots=tuple(
+            s * np.diag(cosine_spread(_COSINES, w)[1:]) for s in SIZES[:-1] for w in WIDTHS
+        ),
     )
 
 
