@@ -33,7 +33,14 @@ from isochrome.figures import (
     style_axes,
 )
 from isochrome.messages import message, warnings_json
-from isochrome.output import Result, columns_of, counted, evenly_spaced, with_uncertainty
+from isochrome.output import (
+    Result,
+    columns_of,
+    counted,
+    evenly_spaced,
+    to_last_digit,
+    with_uncertainty,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -314,8 +321,8 @@ class Calibration(Result):
             notes=[
                 f"Material fringe value {value}, χ = {self.chi:.2f}"
                 + "".join(f", {text}" for text in others) + ".",
-                *(f"{item.load_n:.4g} N: N = {_order_text(item)} at the {where.place}, "
-                  f"χ = {item.chi:.2f}." for item in shown),
+                *(f"{i.load_n:.4g} N: N = {to_last_digit(i.order, i.standard_uncertainty)} "
+                  f"at the {where.place}, χ = {i.chi:.2f}." for i in shown),
                 *(["Predicted: by the line through the other loads."] if predicted else []),
             ],
         )  # fmt: skip
@@ -354,13 +361,6 @@ def _spread(images: Sequence[ImageFit]) -> list[ImageFit]:
     """Those with a view that are shown, by their loads."""
     drawable = [image for image in images if image.view is not None]
     return evenly_spaced(sorted(drawable, key=lambda i: i.load_n), MOST_SHOWN)
-
-
-def _order_text(item: ImageFit) -> str:
-    """The order to two digits of its uncertainty."""
-    spread = item.standard_uncertainty
-    digits = max(0, 1 - int(np.floor(np.log10(spread)))) if spread > 0 else 4
-    return f"{item.order:.{min(5, digits)}f}"
 
 
 def _cut(cut: Axes, view: View, where: Cut) -> None:
