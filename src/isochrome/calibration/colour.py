@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from isochrome.calibration.settings import ColourBeam, ColourSet, ColourSetLike
-from isochrome.calibration.shot import RIM, SMOOTHING_PX, read_one_frame
+from isochrome.calibration.shot import LARGEST_TILT, RIM, SMOOTHING_PX, read_one_frame
 from isochrome.errors import InputError, PhysicsError
 from isochrome.estimation import LEVEL_PX
 from isochrome.figures import (
@@ -60,9 +60,6 @@ if TYPE_CHECKING:
 
 Array = NDArray[Any]
 
-LARGEST_TILT = 0.1
-"""Rows a column; a beam tilted by more is asked to be turned."""
-
 _PIXELS = 4_000
 _CELL = 0.02
 _ROWS = 1.5
@@ -94,7 +91,8 @@ def known_beam_order(signal: Array, beam: ColourBeam, load_n: float, pixel_mm: f
 
     step = max(2.0 * _CELL / slope, 0.5)
     tops = np.arange(rows.min(), rows.max() + step, step)
-    best = np.array(min(product(tops, np.linspace(-LARGEST_TILT, LARGEST_TILT, _TILTS)), key=cost))
+    tilts = np.tan(np.radians(np.linspace(-LARGEST_TILT, LARGEST_TILT, _TILTS)))
+    best = np.array(min(product(tops, tilts), key=cost))
     near = best + np.array([[0.0, 0.0], [step, 0.0], [0.0, 0.02]])
     solution = minimize(cost, best, method="Nelder-Mead", options={"initial_simplex": near})
     if not solution.fun < _LARGEST_SCATTER:
@@ -132,7 +130,8 @@ def _scatter(
 
 
 SAME = 0.05
-"""The same against the no-load frames: a light's bands do not tell the factor of all to better."""
+"""Log of an exposure against the no-load frames that is none: a light's bands do not tell the
+factor of all to better."""
 
 _LEAST_PIXELS = 5
 
@@ -186,9 +185,8 @@ def _relative(count: Array, lit: Array, low: Array) -> Array:
     first = int(np.argmax(np.diag(matrix)))
     others = np.arange(len(count)) != first
     factors = np.ones(len(count))
-    if others.any():
-        inner = matrix[np.ix_(others, others)]
-        factors[others] = np.linalg.solve(inner, (right - matrix[:, first])[others])
+    inner = matrix[np.ix_(others, others)]
+    factors[others] = np.linalg.solve(inner, (right - matrix[:, first])[others])
     if not (factors > 0.0).all():
         raise PhysicsError("images_colours_one_order")
     return factors
