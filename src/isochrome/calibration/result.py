@@ -291,8 +291,13 @@ class Calibration(Result):
             low, high = np.nanpercentile(view.image, [0.5, 99.8]).tolist()
             low, high = (-limit, limit) if look == DIFFERENCE_MAP else (low, high)
             image = (view.image, view.model, view.residual / view.sigma)[column]
-            small, pixel = _square(image, view.pixel_mm)
-            return show_image(axes, small, pixel_mm=pixel, cmap=look, vmin=low, vmax=high)
+            tall, wide = view.pixel_mm
+            rows = max(1, round(wide / tall))  # with which pixels are square
+            step = max(1, -(-max(image.shape[0] // rows, image.shape[1]) // LARGEST_PX))
+            return show_image(
+                axes, image[:: rows * step, ::step], pixel_mm=wide * step, cmap=look, vmin=low,
+                vmax=high,
+            )  # fmt: skip
 
         bars = {"captured": "", "fitted": "", "residual": "residual (noise sigmas)"}
         plots = [
@@ -376,14 +381,6 @@ def _cut(cut: Axes, view: View, where: Cut) -> None:
     style_axes(twin, z_label="order N")
     twin.yaxis.label.set_color(LINE_COLOURS[1])
     style_axes(cut, x_label=where.along, z_label="intensity")
-
-
-def _square(image: Array, pixel_mm: tuple[float, float]) -> tuple[Array, float]:
-    """An image with square pixels and few enough of them to draw."""
-    tall, wide = pixel_mm
-    rows = max(1, round(wide / tall))
-    step = max(1, int(np.ceil(max(image.shape[0] / rows, image.shape[1]) / LARGEST_PX)))
-    return image[:: rows * step, ::step], wide * step
 
 
 def _line(axes: Any, calibration: Calibration) -> None:

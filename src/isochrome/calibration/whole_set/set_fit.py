@@ -38,7 +38,6 @@ from isochrome.estimation import (
     FEW_TERMS,
     FIRST_DEGREES,
     MOSTLY,
-    RICHEST,
     RIVAL_CHI,
     Nuisance,
     ScoreProducts,
@@ -71,6 +70,10 @@ Array = NDArray[np.float64]
 _ROUNDS = 8
 """Times that a set is asked, its light made richer and its outliers looked for: an end of loops
 that come to rest by themselves."""
+
+_RICHEST = 24, 12
+"""Degrees of illumination and background up to which light is made richer, product by product: a
+glare adds light in a twelfth of the picture."""
 
 _OUTLIER = 6.0
 """Residual in noises beyond which a pixel is no accident, and is left out with its neighbours."""
@@ -182,9 +185,9 @@ def _with(fit: SetFit, names: frozenset[str]) -> SetFit:
         again = result.levelled()
         result = again.model.fit(again.values)
     for _ in range(_ROUNDS if LIGHT in names else 0):
-        more = missing_terms(result.model.terms, RICHEST)
+        more = missing_terms(result.model.terms, _RICHEST)
         bases = result.model.weighted(more)
-        columns = map(result.point.columns, range(len(bases)), bases)
+        columns = map(result.point.columns_of, range(len(bases)), bases)
         chosen = _score(result, columns).one_by_one(FEW_TERMS)
         if not chosen:
             break
@@ -258,7 +261,7 @@ def _score(
             rows, place = point.rows(i)
             every = np.zeros((model.size + model.coefficients, left.size))
             every[place] = rows
-            every[model.size + model.coefficients_of(i)] = point.columns(i)
+            every[model.size + model.coefficients_of(i)] = point.columns[i]
             yield every[:0], every[pick], more, left
 
     return ScoreProducts(parts())
@@ -349,8 +352,8 @@ def _light(fit: SetFit) -> Nuisance:
 
     def columns(index: int) -> Array:
         fitted = np.zeros((model.coefficients, point.signals[index].size))
-        fitted[model.coefficients_of(index)] = point.columns(index)
-        stacked = np.concatenate((fitted[rich], point.columns(index, bases[index])))
+        fitted[model.coefficients_of(index)] = point.columns[index]
+        stacked = np.concatenate((fitted[rich], point.columns_of(index, bases[index])))
         return np.asarray(bright[index] * stacked)
 
     light, dark = (t[len(p) :] for t, p in zip(model.terms, PLAIN, strict=True))
