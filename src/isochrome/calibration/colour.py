@@ -133,8 +133,6 @@ SAME = 0.05
 """Log of an exposure against the no-load frames that is none: a light's bands do not tell the
 factor of all to better."""
 
-_LEAST_PIXELS = 5
-
 
 def image_exposures(
     light: Sequence[Array], dark: Array, contrast: Array, orders: Sequence[Array], *, bright: bool
@@ -151,7 +149,7 @@ def image_exposures(
     factors = _relative(count, lit, low)
     weight = np.maximum(count.sum(axis=0), 1.0)
     table = ((factors[:, None, None] * lit - low) * count).sum(axis=0) / weight
-    covered = (count.sum(axis=0) >= _LEAST_PIXELS).all(axis=1)
+    covered = count.sum(axis=0).all(axis=1)
     places = _CELL * (np.flatnonzero(covered) + 0.5)
     away = np.log(band_scale(places, table[covered], bright=bright) / factors)
     nearest = away[np.argmin(np.abs(away))]
