@@ -4,13 +4,8 @@ import numpy as np
 import pytest
 
 from isochrome.calibration import Disc
-from isochrome.calibration.disc.api import (
-    by_residual,
-    load_field,
-    residual_basis,
-    simple_residual,
-    total_order,
-)
+from isochrome.calibration.disc.api import by_residual, residual_basis, simple_residual, total_order
+from isochrome.calibration.disc.disc_field import load_field
 from isochrome.errors import PhysicsError
 from isochrome.reference import disc_stress
 

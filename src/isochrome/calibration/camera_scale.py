@@ -36,9 +36,6 @@ Gaussian itself, and three pixels give its place. No point of an edge lies furth
 LEAST_SHARE = 0.6
 """Share of the rows or columns in which both edges must be found."""
 
-LEAST_POINTS = 20
-"""Rows or columns that a picture must have them in at least."""
-
 FINDER_PX = 0.01
 """What the place of an edge may be off by alike in all rows, by where in a pixel it lies; half of
 it is what that of a corner or dot is uncertain by at least, whatever its residuals."""
@@ -96,7 +93,7 @@ def _along(image: Array) -> tuple[Array, Array, Array] | None:
     row = np.arange(len(image), dtype=float)
     rising, falling = _peaks(slope), _peaks(-slope)
     good = np.isfinite(rising) & np.isfinite(falling)
-    least = max(LEAST_POINTS, LEAST_SHARE * len(image))
+    least = max(FEWEST, LEAST_SHARE * len(image))
     if good.sum() < least:
         return None
     off = [np.abs(edge - _robust(row, edge, good)) for edge in (rising, falling)]

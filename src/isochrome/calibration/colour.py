@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,7 +22,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from isochrome.calibration.settings import ColourBeam, ColourSet, ColourSetLike
-from isochrome.calibration.shot import SMOOTHING_PX, read_one_frame
+from isochrome.calibration.shot import LARGEST_TILT, RIM, SMOOTHING_PX, read_one_frame
 from isochrome.errors import InputError, PhysicsError
 from isochrome.estimation import LEVEL_PX
 from isochrome.figures import (
@@ -59,16 +60,11 @@ if TYPE_CHECKING:
 
 Array = NDArray[Any]
 
-LARGEST_TILT = 0.1
-"""Rows a column; a beam tilted by more is asked to be turned."""
-
 _PIXELS = 4_000
 _CELL = 0.02
 _ROWS = 1.5
-_STEP = 0.04
 _TILTS = 9
 _LEAST_SHARE = 0.5
-_RIM = 0.98
 _LARGEST_SCATTER = 0.2
 
 
@@ -82,7 +78,7 @@ def known_beam_order(signal: Array, beam: ColourBeam, load_n: float, pixel_mm: f
 
     moment = 0.25 * load_n * (beam.outer_span_mm - beam.inner_span_mm)
     slope = 12.0 * moment / (beam.height_mm**3 * beam.fringe_value_n_per_mm) * pixel_mm
-    half = 0.5 * _RIM * beam.height_mm / pixel_mm
+    half = 0.5 * (1.0 - RIM) * beam.height_mm / pixel_mm
     rows, cols = np.nonzero(np.isfinite(signal).all(axis=-1))
     if len(rows) < 100:
         raise PhysicsError("fewer_pixels_beam_can")
@@ -90,21 +86,15 @@ def known_beam_order(signal: Array, beam: ColourBeam, load_n: float, pixel_mm: f
     place = np.stack([rows[picked], cols[picked] - 0.5 * (signal.shape[1] - 1)]).astype(float)
     colours = signal[rows[picked], cols[picked]].astype(float)
 
-    def cost(line: Array) -> float:
+    def cost(line: Sequence[float]) -> float:
         return _scatter(place, colours, line, slope, half)
 
-    step = max(_STEP / slope, 0.5)
+    step = max(2.0 * _CELL / slope, 0.5)
     tops = np.arange(rows.min(), rows.max() + step, step)
-    tilts = np.linspace(-LARGEST_TILT, LARGEST_TILT, _TILTS)
-    best = sorted([np.array([top, tilt]) for top in tops for tilt in tilts], key=cost)[:3]
-    fine = [
-        minimize(cost, start, method="Nelder-Mead", options={
-            "initial_simplex": start + np.array([[0.0, 0.0], [step, 0.0], [0.0, 0.02]]),
-            "xatol": 1e-4, "fatol": 1e-9, "maxiter": 300,
-        })
-        for start in best
-    ]  # fmt: skip
-    solution = min(fine, key=lambda end: float(end.fun))
+    tilts = np.tan(np.radians(np.linspace(-LARGEST_TILT, LARGEST_TILT, _TILTS)))
+    best = np.array(min(product(tops, tilts), key=cost))
+    near = best + np.array([[0.0, 0.0], [step, 0.0], [0.0, 0.02]])
+    solution = minimize(cost, best, method="Nelder-Mead", options={"initial_simplex": near})
     if not solution.fun < _LARGEST_SCATTER:
         raise PhysicsError("colours_variance_left_one", fun=100 * solution.fun)
     grid = np.indices(signal.shape[:2]).astype(float)
@@ -113,12 +103,14 @@ def known_beam_order(signal: Array, beam: ColourBeam, load_n: float, pixel_mm: f
     return np.where(np.abs(away) < half, slope * np.abs(away), np.nan)
 
 
-def _away(place: Array, line: Array) -> Array:
+def _away(place: Array, line: Sequence[float]) -> Array:
     """Distance of (row, col from the middle) from a line of (row at the middle, rows a column)."""
     return np.asarray((place[0] - line[0] - line[1] * place[1]) / np.hypot(1.0, line[1]))
 
 
-def _scatter(place: Array, colours: Array, line: Array, slope: float, half: float) -> float:
+def _scatter(
+    place: Array, colours: Array, line: Sequence[float], slope: float, half: float
+) -> float:
     """Share of the colours' variance that is within cells of one order."""
     away = _away(place, line)
     reach = min(half, float(away.max()), float(-away.min()))  # where there are two sides
@@ -138,9 +130,8 @@ def _scatter(place: Array, colours: Array, line: Array, slope: float, half: floa
 
 
 SAME = 0.05
-"""The same against the no-load frames: a light's bands do not tell the factor of all to better."""
-
-_LEAST_PIXELS = 5
+"""Log of an exposure against the no-load frames that is none: a light's bands do not tell the
+factor of all to better."""
 
 
 def image_exposures(
@@ -156,11 +147,9 @@ def image_exposures(
     count, lit, low = np.moveaxis(np.stack(sums), 1, 0)
     lit, low = lit / np.maximum(count, 1.0), low / np.maximum(count, 1.0)
     factors = _relative(count, lit, low)
-    if np.ptp(np.log(factors)) < ALIKE:
-        factors = np.ones(len(factors))
     weight = np.maximum(count.sum(axis=0), 1.0)
     table = ((factors[:, None, None] * lit - low) * count).sum(axis=0) / weight
-    covered = (count.sum(axis=0) >= _LEAST_PIXELS).all(axis=1)
+    covered = count.sum(axis=0).all(axis=1)
     places = _CELL * (np.flatnonzero(covered) + 0.5)
     away = np.log(band_scale(places, table[covered], bright=bright) / factors)
     nearest = away[np.argmin(np.abs(away))]
@@ -194,9 +183,8 @@ def _relative(count: Array, lit: Array, low: Array) -> Array:
     first = int(np.argmax(np.diag(matrix)))
     others = np.arange(len(count)) != first
     factors = np.ones(len(count))
-    if others.any():
-        inner = matrix[np.ix_(others, others)]
-        factors[others] = np.linalg.solve(inner, (right - matrix[:, first])[others])
+    inner = matrix[np.ix_(others, others)]
+    factors[others] = np.linalg.solve(inner, (right - matrix[:, first])[others])
     if not (factors > 0.0).all():
         raise PhysicsError("images_colours_one_order")
     return factors
@@ -253,10 +241,8 @@ def _read(
 
 
 LARGEST_STRANGE = 0.03
-"""Share of pixels whose colours are not the table's from which on a calibration is refused."""
-
-LARGEST_TORN = 0.03
-"""Share of pixels beside a jump of the order from which on it is refused."""
+"""Share of pixels whose colours are not the table's, or that lie beside a jump of the order, from
+which on a calibration is refused."""
 
 LARGEST_MOVE = 0.05
 """Change of the table in the last round, of full light, from which on it has not settled."""
@@ -507,7 +493,7 @@ def check_light(light: OwnLight, given: ColourSet) -> None:
         raise PhysicsError(
             "images_reach_least_needed", what=what, highest=light.highest, least_order=LEAST_ORDER
         )
-    if light.strange > LARGEST_STRANGE or light.torn > LARGEST_TORN:
+    if max(light.strange, light.torn) > LARGEST_STRANGE:
         strange, torn = 100 * light.strange, 100 * light.torn
         raise PhysicsError(
             "pixels_off_table_order", what=what, strange=strange, torn=torn, advice=advice

@@ -33,7 +33,14 @@ from isochrome.figures import (
     style_axes,
 )
 from isochrome.messages import message, warnings_json
-from isochrome.output import Result, columns_of, counted, evenly_spaced, with_uncertainty
+from isochrome.output import (
+    Result,
+    columns_of,
+    counted,
+    evenly_spaced,
+    to_last_digit,
+    with_uncertainty,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -284,8 +291,13 @@ class Calibration(Result):
             low, high = np.nanpercentile(view.image, [0.5, 99.8]).tolist()
             low, high = (-limit, limit) if look == DIFFERENCE_MAP else (low, high)
             image = (view.image, view.model, view.residual / view.sigma)[column]
-            small, pixel = _square(image, view.pixel_mm)
-            return show_image(axes, small, pixel_mm=pixel, cmap=look, vmin=low, vmax=high)
+            tall, wide = view.pixel_mm
+            rows = max(1, round(wide / tall))  # with which pixels are square
+            step = max(1, -(-max(image.shape[0] // rows, image.shape[1]) // LARGEST_PX))
+            return show_image(
+                axes, image[:: rows * step, ::step], pixel_mm=wide * step, cmap=look, vmin=low,
+                vmax=high,
+            )  # fmt: skip
 
         bars = {"captured": "", "fitted": "", "residual": "residual (noise sigmas)"}
         plots = [
@@ -314,8 +326,8 @@ class Calibration(Result):
             notes=[
                 f"Material fringe value {value}, χ = {self.chi:.2f}"
                 + "".join(f", {text}" for text in others) + ".",
-                *(f"{item.load_n:.4g} N: N = {_order_text(item)} at the {where.place}, "
-                  f"χ = {item.chi:.2f}." for item in shown),
+                *(f"{i.load_n:.4g} N: N = {to_last_digit(i.order, i.standard_uncertainty)} "
+                  f"at the {where.place}, χ = {i.chi:.2f}." for i in shown),
                 *(["Predicted: by the line through the other loads."] if predicted else []),
             ],
         )  # fmt: skip
@@ -356,13 +368,6 @@ def _spread(images: Sequence[ImageFit]) -> list[ImageFit]:
     return evenly_spaced(sorted(drawable, key=lambda i: i.load_n), MOST_SHOWN)
 
 
-def _order_text(item: ImageFit) -> str:
-    """The order to two digits of its uncertainty."""
-    spread = item.standard_uncertainty
-    digits = max(0, 1 - int(np.floor(np.log10(spread)))) if spread > 0 else 4
-    return f"{item.order:.{min(5, digits)}f}"
-
-
 def _cut(cut: Axes, view: View, where: Cut) -> None:
     """Intensity and order along the cut."""
     place, light, model, orders = (
@@ -376,14 +381,6 @@ def _cut(cut: Axes, view: View, where: Cut) -> None:
     style_axes(twin, z_label="order N")
     twin.yaxis.label.set_color(LINE_COLOURS[1])
     style_axes(cut, x_label=where.along, z_label="intensity")
-
-
-def _square(image: Array, pixel_mm: tuple[float, float]) -> tuple[Array, float]:
-    """An image with square pixels and few enough of them to draw."""
-    tall, wide = pixel_mm
-    rows = max(1, round(wide / tall))
-    step = max(1, int(np.ceil(max(image.shape[0] / rows, image.shape[1]) / LARGEST_PX)))
-    return image[:: rows * step, ::step], wide * step
 
 
 def _line(axes: Any, calibration: Calibration) -> None:

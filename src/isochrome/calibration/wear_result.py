@@ -125,17 +125,8 @@ def fit_laws(volumes: Sequence[WornVolume], spread: Array) -> tuple[WearLawFit, 
     laws = ["archard"]
     if all(volume.friction for volume in volumes):
         laws += ["sarkar", "dissipated_energy"]
-    fits = []
-    for law in laws:
-        work = np.array([work_of(volume, law) for volume in volumes])
-        k, information, square, log_z = (float(part) for part in _solve(work, values, spread))
-        own = float(1.0 / np.sqrt(information))
-        fits.append(
-            WearLawFit(
-                law=law, coefficient_mm2_per_n=k, own_uncertainty=own, chi_square=square,
-                freedom=len(values) - 1, log_evidence=log_z,
-            )
-        )  # fmt: skip
+    works = {law: np.array([work_of(volume, law) for volume in volumes]) for law in laws}
+    fits = [_fit_law(law, work, values, spread) for law, work in works.items()]
     if len({volume.distance_m for volume in volumes}) > 2:
         fits.append(_running_in(volumes, values, spread))
     best = max(fit.log_evidence for fit in fits)
@@ -143,13 +134,17 @@ def fit_laws(volumes: Sequence[WornVolume], spread: Array) -> tuple[WearLawFit, 
     return tuple(sorted(fits, key=lambda fit: -fit.log_evidence))
 
 
-def _solve(work: Array, values: Array, spread: Array) -> tuple[Array, Array, Array, Array]:
-    """k, its information, χ² and ln Z for works (..., n)."""
-    information = np.sum((work / spread) ** 2, axis=-1)
-    k = np.sum(work * values / spread**2, axis=-1) / information
-    square = np.sum(((values - k[..., None] * work) / spread) ** 2, axis=-1)
+def _fit_law(law: str, work: Array, values: Array, spread: Array) -> WearLawFit:
+    """A law of one parameter, by its works (n,)."""
+    information = np.sum((work / spread) ** 2)
+    k = float(np.sum(work * values / spread**2) / information)
+    square = float(np.sum(((values - k * work) / spread) ** 2))
     # where k is no larger than its uncertainty, ln k has no narrower place than a factor of e
-    return k, information, square, -0.5 * square - np.log(np.maximum(k * np.sqrt(information), 1.0))
+    log_z = -0.5 * square - np.log(np.maximum(k * np.sqrt(information), 1.0))
+    return WearLawFit(
+        law=law, coefficient_mm2_per_n=k, own_uncertainty=float(1.0 / np.sqrt(information)),
+        chi_square=square, freedom=len(values) - 1, log_evidence=float(log_z),
+    )  # fmt: skip
 
 
 def _running_in(volumes: Sequence[WornVolume], values: Array, spread: Array) -> WearLawFit:
@@ -164,9 +159,12 @@ def _running_in(volumes: Sequence[WornVolume], values: Array, spread: Array) -> 
         extra = until - until**2 / (2.0 * turn)  # ∫ (1 - s/s0) ds
         return np.asarray(1e3 * load * (slid + (ratio - 1.0) * extra))
 
+    def fitted(unknown: Array) -> WearLawFit:
+        return _fit_law("running_in", work(unknown), values, spread)
+
     def curve(unknown: Array) -> Array:
-        x = work(unknown)
-        return np.asarray((values - _solve(x, values, spread)[0] * x) / spread)
+        k = fitted(unknown).coefficient_mm2_per_n
+        return np.asarray((values - k * work(unknown)) / spread)
 
     steps, unit = np.full(2, STEP), np.eye(len(values))
     starts = product((-0.7, 0.7), repeat=2)  # there may be several valleys
@@ -175,16 +173,15 @@ def _running_in(volumes: Sequence[WornVolume], values: Array, spread: Array) -> 
         for start in starts
     ]
     best = min(places, key=lambda place: place.cost)
-    k, information, square, log_z = _solve(work(best.unknown), values, spread)
-    moved = [_solve(work(best.unknown + step), values, spread)[0] for step in np.diag(steps)]
-    slope = (np.array(moved) - k) / STEP
+    fit = fitted(best.unknown)
+    ahead = [fitted(best.unknown + step).coefficient_mm2_per_n for step in np.diag(steps)]
+    slope = (np.array(ahead) - fit.coefficient_mm2_per_n) / STEP
     ratio, turn = np.exp(best.unknown).tolist()
-    variance = 1.0 / information + slope @ np.linalg.solve(best.normal, slope)
-    log_z -= 0.5 * (best.unknown @ best.unknown + np.linalg.slogdet(best.normal)[1])
-    return WearLawFit(
-        law="running_in", coefficient_mm2_per_n=float(k),
-        own_uncertainty=float(np.sqrt(variance)), chi_square=float(square),
-        freedom=len(values) - 3, log_evidence=float(log_z), first_over_last=ratio,
+    variance = fit.own_uncertainty**2 + slope @ np.linalg.solve(best.normal, slope)
+    occam = 0.5 * (best.unknown @ best.unknown + np.linalg.slogdet(best.normal)[1])
+    return replace(
+        fit, own_uncertainty=float(np.sqrt(variance)), freedom=len(values) - 3,
+        log_evidence=fit.log_evidence - float(occam), first_over_last=ratio,
         running_in_distance_m=typical * turn,
     )  # fmt: skip
 

@@ -1,6 +1,7 @@
 from .api import FrameWork, fit
 from .causes.cause import CAUSES, RARE
 from .causes.freeing import Freed, fit_with_causes
+from .causes.modes import SIZES
 from .causes.report import (
     NAMED,
     SUSPECTED,
@@ -84,6 +85,7 @@ __all__ = [
     "ORDER",
     "PARTS",
     "RARE",
+    "SIZES",
     "SMOOTH_KEYS",
     "SUSPECTED",
     "TOO_FAR",

@@ -41,7 +41,7 @@ from isochrome.calibration.whole_set.set_fit import (
     alike_fits,
     best_first,
     calibration_of,
-    contradiction,
+    check_stated_size,
     fit_set,
     set_image,
     stated_values,
@@ -49,7 +49,6 @@ from isochrome.calibration.whole_set.set_fit import (
 from isochrome.calibration.whole_set.set_model import Kind, SetFit, SetModel
 from isochrome.errors import InputError, PhysicsError
 from isochrome.messages import message
-from isochrome.output import with_uncertainty
 
 Array = NDArray[np.float64]
 
@@ -103,6 +102,8 @@ def find_beam(shot: Shot, height_px: float) -> BeamView:
     Parameters: `shot`; `height_px`, the beam's height in pixels. Returns a BeamView. Raises
     PhysicsError where no fringes rise across the height, InputError for another size.
     """
+    from scipy.signal import argrelmin
+
     lines = shot.light.shape[0]
     if not SMALLEST_PX <= height_px <= LARGEST_FRAMES * lines:
         raise InputError(
@@ -120,7 +121,9 @@ def find_beam(shot: Shot, height_px: float) -> BeamView:
     cost, phase = _scan(rows, values, count, np.stack([tops, tops + height_px], axis=1), slopes)
     if cost.min() > 0.95 * _smooth_cost(rows, values, count, 2):
         raise PhysicsError("no_fringes_rise_across", name=shot.name)
-    best, place = _peaks(cost.min(axis=0), 4), int(np.argmin(cost.min(axis=1)))
+    lowest, place = cost.min(axis=0), int(np.argmin(cost.min(axis=1)))
+    valleys = argrelmin(np.pad(lowest, 1, constant_values=np.inf))[0] - 1
+    best = valleys[np.argsort(lowest[valleys], kind="stable")][:4]
     slope = slopes[best]
     row = (phase[place, best] + (0.0 if shot.bright else np.pi)) / (2.0 * np.pi * slope)
     row += np.round((tops[place] + 0.5 * height_px - row) * slope) / slope
@@ -194,13 +197,6 @@ def _smooth_cost(rows: Array, values: Array, count: Array, degree: int) -> float
         return 0.0
     smooth = np.polynomial.Polynomial.fit(rows, values, degree, w=np.sqrt(count))
     return float(count @ (values - smooth(rows)) ** 2)
-
-
-def _peaks(cost: Array, number: int) -> NDArray[np.intp]:
-    """Indices of the deepest local minima."""
-    padded = np.concatenate([[np.inf], cost, [np.inf]])
-    local = np.flatnonzero((cost <= padded[:-2]) & (cost <= padded[2:]))
-    return local[np.argsort(cost[local], kind="stable")][:number]
 
 
 FAINTEST = 2.0
@@ -465,19 +461,8 @@ def bending_from_shots(shots: Sequence[Shot], given: CalibrationSet) -> Calibrat
     if not unloaded:
         messages += unused(idle, message("because_light_not_loaded"))
     distances = [view.edges_px for view in views if view.edges_px]
-    wrong = contradiction(distances, "height_mm", beam.height_mm, given) if distances else None
-    if wrong:
-        (apart, spread), stated, off = wrong
-        fitting = beam.height_mm / apart
-        raise InputError(
-            "beam_edges_px_apart",
-            with_uncertainty=with_uncertainty(apart, spread),
-            height_mm=beam.height_mm,
-            pixel_mm=pixel_mm,
-            stated=stated,
-            off=off,
-            with_uncertainty_2=with_uncertainty(fitting, fitting * spread / apart),
-        )
+    if distances:
+        check_stated_size(distances, "height_mm", beam.height_mm, given, "beam_edges_px_apart")
     arm = beam.outer_span_mm - beam.inner_span_mm
     inputs = (
         Input("height", known.height_mm, "mm", 3.0 / beam.height_mm),

@@ -24,12 +24,12 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from numpy.polynomial.polynomial import polyval2d
 from numpy.typing import NDArray
 
 from isochrome.calibration.disc.disc_field import (
     FEWEST_LOADS,
     Circle,
+    Complexes,
     DiscPixels,
     check_scans,
     choose_centre_orders,
@@ -37,6 +37,7 @@ from isochrome.calibration.disc.disc_field import (
     disc_mask,
     disc_order,
     fit_rise,
+    load_field,
     overlay,
     rise_with_load,
     scan_disc,
@@ -44,22 +45,21 @@ from isochrome.calibration.disc.disc_field import (
 )
 from isochrome.calibration.order_line import Input
 from isochrome.calibration.result import Calibration, ImageFit
-from isochrome.calibration.settings import CalibrationSet, Disc, SetLike, load_set
+from isochrome.calibration.settings import CalibrationSet, SetLike, load_set
 from isochrome.calibration.shot import FEWEST_FRINGES, PIXELS, RIM, Shot, calibrate_channels, unused
 from isochrome.calibration.whole_set.set_fit import (
     alike_fits,
     best_first,
     calibration_of,
-    contradiction,
+    check_stated_size,
     fit_set,
     set_image,
     stated_values,
 )
 from isochrome.calibration.whole_set.set_model import Kind, SetFit, SetModel
-from isochrome.errors import InputError, PhysicsError
+from isochrome.errors import PhysicsError
 from isochrome.estimation import ALIKE_CHI
 from isochrome.messages import message
-from isochrome.output import with_uncertainty
 
 Array = NDArray[np.float64]
 
@@ -94,8 +94,6 @@ def fit_disc(shot: Shot, starts: Array) -> Array:
     return best.values
 
 
-Complexes = NDArray[np.complex128]
-
 DEGREE = 4
 _POWERS = tuple((i, t - i) for t in range(DEGREE + 1) for i in range(t + 1))
 
@@ -129,32 +127,15 @@ def simple_residual(even: float, round_: float) -> Array:
     return np.concatenate([np.zeros(len(_POWERS)), real, imaginary])
 
 
-def load_field(rows: Array, cols: Array, geometry: Array) -> tuple[Array, Complexes]:
-    """The loads' field over its centre value: its size h and its direction, seen by the residual.
-
-    Parameters: `rows`, `cols` (n,), px; `geometry`, row, column, radius (px) and angle (rad) as in
-    `disc_field.disc_order`. Returns h (n,) and v (n,) such that the order is
-    |N h + v D_0| for a residual D_0 in the image's axes.
-    """
-    angle, (x, z) = geometry[3], _places(geometry, rows, cols)
-    s = (x - 1j * z) * np.exp(-1j * angle)
-    below = s**2 + 1.0
-    size = np.square(np.abs(below)) + 1e-12
-    return (1.0 - x**2 - z**2) / size, below**2 / size * np.exp(2j * angle)
-
-
 def total_order(unknowns: Array, amplitudes: Array, rows: Array, cols: Array) -> Complexes:
     """The order of loads and residual as a complex number in the loads' directions (n,).
 
     Parameters: `unknowns` (5,), see `disc_order`; the residual's `amplitudes` (k,); `rows`, `cols`.
     """
     h, turn = load_field(rows, cols, unknowns[1:])
-    along, real, imaginary = np.split(amplitudes, 3)
-    powers = np.zeros((2, DEGREE + 1, DEGREE + 1), complex)
-    powers[(slice(None), *np.transpose(_POWERS))] = along, real + 1j * imaginary
-    x, z = _places(unknowns[1:], rows, cols)
-    of_loads, free = (polyval2d(x, z, p) for p in powers)
-    return np.asarray(unknowns[0] * h + of_loads + turn * free)
+    powers = _powers(*_places(unknowns[1:], rows, cols))
+    along, real, imaginary = amplitudes.reshape(3, -1) @ powers
+    return np.asarray(unknowns[0] * h + along + turn * (real + 1j * imaginary))
 
 
 def by_residual(unknowns: Array, amplitudes: Array, rows: Array, cols: Array) -> Array:
@@ -162,8 +143,8 @@ def by_residual(unknowns: Array, amplitudes: Array, rows: Array, cols: Array) ->
     _, turn = load_field(rows, cols, unknowns[1:])
     total = total_order(unknowns, amplitudes, rows, cols)
     direction = np.conj(total) / np.maximum(np.abs(total), 1e-12)
-    turned, real = turn * direction, _powers(*_places(unknowns[1:], rows, cols))
-    return np.concatenate([direction.real * real, turned.real * real, -turned.imag * real])
+    members = residual_basis(*_places(unknowns[1:], rows, cols), turn)
+    return np.asarray((direction * members).real)
 
 
 def _places(geometry: Array, rows: Array, cols: Array) -> tuple[Array, Array]:
@@ -183,8 +164,8 @@ RESIDUAL = "residual stress"
 RESIDUAL_LOADS = 3
 """Different loads, zero among them, below which a residual field is not looked for."""
 
-LARGEST = np.array([0.3, 0.03, 0.03, 0.03, 0.05])
-"""Largest move of an image's own unknowns in one step (fringes, radii, rad)."""
+MOST_FRINGES, MOST_RADII = 0.3, 0.03
+"""Largest moves of an image's own unknowns in one step; of the angle as much in rad."""
 
 
 def fit_disc_set(
@@ -280,7 +261,7 @@ def disc_kind(radius: float, several_loads: bool) -> Kind:
     return Kind(
         besides=RESIDUAL, order=order, by_besides=by_residual,
         sizes=SIZES if several_loads else SIZES[:0],
-        largest=LARGEST * np.array([1.0, radius, radius, radius, 1.0]),
+        largest=np.array([MOST_FRINGES, *[MOST_RADII * radius] * 3, MOST_RADII]),
         idle=lambda first, _: np.concatenate([[0.0], first[1:]]), idle_largest=np.zeros(0),
     )  # fmt: skip
 
@@ -340,21 +321,6 @@ def residual_of(fit: SetFit, diameter_mm: float) -> dict[str, Any] | None:
         "largest_x_mm": float(0.5 * diameter_mm * x[at]),
         "largest_z_mm": float(0.5 * diameter_mm * z[at]),
     }
-
-
-def check_diameter(images: Sequence[ImageFit], disc: Disc, given: CalibrationSet) -> None:
-    """Refuse a diameter and a pixel size that the rim contradicts beyond their uncertainties.
-
-    Raises InputError with both numbers.
-    """
-    diameters = [2.0 * image.geometry["radius_px"] for image in images]
-    wrong = contradiction(diameters, "diameter_mm", disc.diameter_mm, given)
-    if wrong:
-        outline, stated, off = wrong
-        raise InputError(
-            "disc_px_wide_disc", with_uncertainty=with_uncertainty(*outline),
-            diameter_mm=disc.diameter_mm, pixel_mm=given.camera.pixel_mm, stated=stated, off=off,
-        )  # fmt: skip
 
 
 def calibrate_disc(source: SetLike) -> Calibration:
@@ -439,7 +405,10 @@ def disc_from_shots(shots: Sequence[Shot], given: CalibrationSet) -> Calibration
     else:
         residual = residual_of(fit, disc.diameter_mm)
         if given.camera.pixel_mm is not None:
-            check_diameter(images, disc, given)
+            diameters = [2.0 * image.geometry["radius_px"] for image in images]
+            check_stated_size(
+                diameters, "diameter_mm", disc.diameter_mm, given, "disc_px_wide_disc"
+            )
     if residual is not None:
         size, form = residual["largest_order"], residual["form"]
         messages.append(message("residual_stress_up_fringe", size=size, form=form))
@@ -458,12 +427,7 @@ def _found(
     """
     scans = [scan_disc(shot) for shot in loaded]
     circles = [s.circle for s in scans]
-    overlaid = overlay(loaded, circles)
-    rise = rise_with_load(overlaid)
-    clear = rise if rise is not None and rise.clear else None
-    orders = choose_centre_orders(
-        scans, [s.load_n for s in loaded], rise_per_n=clear.slope if clear else None
-    )
+    orders = choose_centre_orders(scans, [s.load_n for s in loaded])
     starts = [scan.starts(order) for scan, order in zip(scans, orders, strict=True)]
     refused: PhysicsError | None = None
     try:
@@ -472,8 +436,10 @@ def _found(
         unknowns, refused = [start[0] for start in starts], error
     set_fit = fit_disc_set(loaded, idle, np.array(unknowns), held)
     if refused is not None and not (RESIDUAL in set_fit.model.free and set_fit.explained):
-        if clear is None:
+        overlaid = overlay(loaded, circles)
+        rise = rise_with_load(overlaid)
+        if rise is None or not rise.clear:
             check_scans(scans, loaded)
             raise refused
-        return fit_rise(loaded, circles, overlaid, clear, diameter_mm), None, None
+        return fit_rise(loaded, circles, overlaid, rise, diameter_mm), None, None
     return *disc_images(set_fit, [c.radius for c in circles], diameter_mm), set_fit

@@ -42,7 +42,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from isochrome.calibration.order_line import check_order
 from isochrome.calibration.result import ImageFit, View
-from isochrome.calibration.shot import EXPLAINED, FINEST, LARGEST_TILT, Shot
+from isochrome.calibration.shot import EXPLAINED, FINEST, LARGEST_TILT, RIM, Shot
 from isochrome.errors import PhysicsError
 from isochrome.estimation import (
     Observation,
@@ -55,12 +55,10 @@ from isochrome.estimation import (
 )
 
 Array = NDArray[np.float64]
+Complexes = NDArray[np.complex128]
 
 RAYS = 180
 """Directions in which the rim is looked for."""
-
-_SPARE = 0.03
-"""How far a circle may leave the frame, over its radius: about what its outline is uncertain by."""
 
 
 @dataclass(frozen=True)
@@ -104,7 +102,7 @@ def find_rim(frame: Observation) -> Circle:
     patch = _patch(frame)
     circle = fit_circle(_outline(patch))
     height, width = patch.shape
-    spare, middle = _SPARE * circle.radius, np.array([circle.row, circle.col])
+    spare, middle = RIM * circle.radius, np.array([circle.row, circle.col])
     low, high = middle - circle.radius, middle + circle.radius
     inside = np.all((low >= -spare) & (high <= np.array(patch.shape) + spare))
     edge = np.concatenate([patch[0], patch[-1], patch[:, 0], patch[:, -1]])
@@ -215,17 +213,26 @@ def thin_grid(shape: tuple[int, ...], circle: Circle, pixels: int) -> DiscPixels
     return DiscPixels(axes[0][:, None], axes[1][None, :], step)
 
 
-def disc_order(grid: DiscPixels, params: ArrayLike) -> Array:
-    """Fringe order on a grid; 0 outside the disc.
+def load_field(rows: Array, cols: Array, geometry: ArrayLike) -> tuple[Array, Complexes]:
+    """The loads' field over its centre value: its size h and its direction, seen by a residual.
 
-    Parameters: `params`, (centre order, row, column, radius in px, angle of the loads from the
-    column direction, rad). Returns (rows, cols).
+    Parameters: `rows`, `cols` (n,), px; `geometry`, row, column, radius (px) and angle of the loads
+    from the column direction (rad). Returns h (n,) and v (n,) such that the order is |N h + v D_0|
+    for a residual D_0 in the image's axes.
     """
-    order, row, col, radius, angle = np.asarray(params, dtype=float)
-    x, z = (grid.cols - col) / radius, (grid.rows - row) / radius
-    square, along = x**2 + z**2, z * np.cos(angle) + x * np.sin(angle)
-    below = (1.0 + square) ** 2 - 4.0 * along**2
-    return np.asarray(order * np.clip(1.0 - square, 0.0, None) / np.maximum(below, 1e-6))
+    row, col, radius, angle = np.asarray(geometry, dtype=float)
+    place = (cols - col - 1j * (rows - row)) / radius
+    below = 1.0 + (place * np.exp(-1j * angle)) ** 2
+    size = np.square(np.abs(below)) + 1e-12
+    return (1.0 - np.square(np.abs(place))) / size, below**2 / size * np.exp(2j * angle)
+
+
+def disc_order(grid: DiscPixels, params: ArrayLike) -> Array:
+    """Fringe order (rows, cols) on a grid, 0 outside the disc, by its `params`: the centre order,
+    and the geometry of `load_field`.
+    """
+    order, *geometry = np.asarray(params, dtype=float)
+    return np.asarray(order * np.maximum(load_field(grid.rows, grid.cols, geometry)[0], 0.0))
 
 
 def disc_mask(grid: DiscPixels, params: ArrayLike, *, within: float) -> NDArray[np.bool_]:
@@ -258,9 +265,6 @@ RADII = (0.985, 1.015, 1.05)
 ANGLES_DEG = np.linspace(-LARGEST_TILT, LARGEST_TILT, 7)
 MOST_AT_REST = 0.5
 """Largest part of the highest load's order that may be there at zero load."""
-
-SLOPE_SLACK = 0.05
-"""How far a line's slope may be from the rise that the pixels show."""
 
 
 @dataclass(frozen=True)
@@ -317,14 +321,8 @@ def scan_disc(shot: Shot) -> Scan:
     return Scan(circle, geometries, np.array(chi), float(np.sqrt(smooth.cost / problem.size)))
 
 
-def choose_centre_orders(
-    scans: Sequence[Scan], loads_n: Sequence[float], *, rise_per_n: float | None = None
-) -> Array:
-    """Each image's starting order, from its own scan or from the line that suits all loads.
-
-    Parameters: `scans` (n,), `loads_n` (n,); `rise_per_n`, the line's slope where it is known
-    (fringe/N, to 5 %), see `rise_with_load`. Returns the orders (n,).
-    """
+def choose_centre_orders(scans: Sequence[Scan], loads_n: Sequence[float]) -> Array:
+    """Each image's starting order (n,), from its own scan or from the line that suits all loads."""
     loads = np.asarray(loads_n, dtype=float)
     # ln chi above its minimum; a wrong contrast counts as no fringes at all
     chis = [np.minimum(s.curve, s.smooth_chi) for s in scans]
@@ -336,8 +334,6 @@ def choose_centre_orders(
     slope = (last - first) / (high - low)
     at_no_load = first - slope * low
     total = np.where((slope > 0) & (np.abs(at_no_load) <= MOST_AT_REST * last), 0.0, np.inf)
-    if rise_per_n is not None:
-        total[np.abs(slope / rise_per_n - 1.0) > SLOPE_SLACK] = np.inf
     for cost, load in zip(costs, loads, strict=True):
         total += np.interp(first + slope * (load - low), ORDERS, cost)
     i, j = np.unravel_index(int(np.argmin(total)), total.shape)
@@ -471,10 +467,6 @@ def _fit_wave(wave: Any, varying: Array) -> tuple[Array, Any]:
     return varying - (wave * c.conj()).real, c
 
 
-ENOUGH = 1e-6
-"""Relative fall of the misfit, or relative move, below which a step is the last."""
-
-
 def fit_rise(
     shots: Sequence[Shot], rims: Sequence[Circle], images: Overlay, rise: Rise, diameter_mm: float
 ) -> tuple[ImageFit, ...]:
@@ -551,9 +543,7 @@ def fit_orders(images: Overlay, first: Array, angle: float) -> OrdersFit:
     start = np.concatenate([first[1:], [angle, 1.0, 0.0, 0.0]])
     size = np.concatenate([np.full(count - 1, 0.1), [0.05, 0.01, 0.01, 0.01]])
     room = np.concatenate([np.full(count - 1, 1.0), [0.2, 0.06, 0.06, 0.06]])
-    result = least_squares(
-        left, start, x_scale=size, bounds=(start - room, start + room), ftol=ENOUGH, xtol=ENOUGH
-    )
+    result = least_squares(left, start, x_scale=size, bounds=(start - room, start + room))
     orders = np.concatenate([first[:1], result.x[: count - 1]])
     residual, jacobian = result.fun.reshape(count, -1), result.jac.reshape(count, -1, start.size)
     return OrdersFit(orders, result.x[count - 1 :], residual, jacobian)

@@ -26,11 +26,13 @@ from isochrome.calibration.whole_set.set_model import (
     GREEN_NM,
     LENS,
     SHARED,
+    USUAL_SIZES,
     Light,
     SetFit,
     SetModel,
     SetPoint,
 )
+from isochrome.errors import InputError
 from isochrome.estimation import (
     ALIKE_CHI,
     FEW_TERMS,
@@ -50,7 +52,7 @@ from isochrome.estimation import (
     weighed,
     with_chosen_terms,
 )
-from isochrome.fitting import CAUSES, LIGHT, NAMED, ORDER, RARE, SUSPECTED, WIDTHS
+from isochrome.fitting import CAUSES, LIGHT, NAMED, ORDER, RARE, SIZES, SUSPECTED, WIDTHS
 from isochrome.messages import message
 from isochrome.output import per_cent, with_uncertainty
 
@@ -67,8 +69,8 @@ glare adds light in a twelfth of the picture."""
 _OUTLIER = 6.0
 """Residual in noises beyond which a pixel is no accident, and is left out with its neighbours."""
 
-_COSINES, _ORDERS = 5, np.geomspace(0.001, 0.03, 4)
-"""Cosines along each side of the picture; standard deviations of an unknown part of the orders."""
+_COSINES = 5
+"""Cosines along each side of the picture that an unknown part of the orders is made of."""
 
 
 def fit_set(model: SetModel, unknowns: Array, besides: Array | None = None) -> SetFit:
@@ -176,7 +178,7 @@ def _with(fit: SetFit, names: frozenset[str]) -> SetFit:
     for _ in range(_ROUNDS if LIGHT in names else 0):
         more = missing_terms(result.model.terms, _RICHEST)
         bases = result.model.weighted(more)
-        columns = map(result.point.columns, range(len(bases)), bases)
+        columns = map(result.point.columns_of, range(len(bases)), bases)
         chosen = _score(result, columns).one_by_one(FEW_TERMS)
         if not chosen:
             break
@@ -250,7 +252,7 @@ def _score(
             rows, place = point.rows(i)
             every = np.zeros((model.size + model.coefficients, left.size))
             every[place] = rows
-            every[model.size + model.coefficients_of(i)] = point.columns(i)
+            every[model.size + model.coefficients_of(i)] = point.columns[i]
             yield every[:0], every[pick], more, left
 
     return ScoreProducts(parts())
@@ -317,7 +319,8 @@ def _nuisances(fit: SetFit) -> Iterator[Nuisance]:
         columns=partial(_order_columns, fit),
         now=np.zeros(_COSINES**2 - 1),
         # Gaussian processes on their cosines; the even one left out is the fringe value itself
-        roots=tuple(s * np.diag(cosine_spread(_COSINES, w)[1:]) for s in _ORDERS for w in WIDTHS),
+        roots=tuple(np.diag(cosine_spread(_COSINES, width)[1:]) for width in WIDTHS),
+        sizes=SIZES[:-1],
     )
 
 
@@ -339,8 +342,8 @@ def _light(fit: SetFit) -> Nuisance:
 
     def columns(index: int) -> Array:
         fitted = np.zeros((model.coefficients, point.signals[index].size))
-        fitted[model.coefficients_of(index)] = point.columns(index)
-        stacked = np.concatenate((fitted[rich], point.columns(index, bases[index])))
+        fitted[model.coefficients_of(index)] = point.columns[index]
+        stacked = np.concatenate((fitted[rich], point.columns_of(index, bases[index])))
         return np.asarray(bright[index] * stacked)
 
     light, dark = (t[len(p) :] for t, p in zip(model.terms, PLAIN, strict=True))
@@ -375,9 +378,6 @@ def _order_columns(fit: SetFit, index: int) -> Array:
     waves = cosines(mask.shape, _COSINES)[1:, mask]
     return np.asarray(waves * (slope * order))
 
-
-SLIGHT = 0.01
-"""Relative difference below which a scale that is taken as exact is not refused."""
 
 NAMES = {key: cause.name for cause in CAUSES for key in cause.keys}
 """What a scene's keys are the causes of."""
@@ -507,27 +507,31 @@ def stated_values(given: CalibrationSet) -> dict[str, float]:
     return {key: value for key, value in held.items() if value}
 
 
+PIXEL = "camera.pixel_mm"
+
 EDGE_PX = 0.5
 """What an edge, or a rim, itself is uncertain by: a bevel, the light that it scatters, and how a
 point load's field fits to a disc's."""
 
 
-def contradiction(
-    sizes_px: ArrayLike, name: str, size_mm: float, given: CalibrationSet
-) -> tuple[tuple[float, float], float, float] | None:
-    """What the images say against a size and a pixel's, beyond all their uncertainties.
+def check_stated_size(
+    sizes_px: ArrayLike, name: str, size_mm: float, given: CalibrationSet, code: str
+) -> None:
+    """Refuse a size and a pixel's that the images contradict beyond all their uncertainties.
 
     Parameters: the size as each image shows it; the `name` of its key and its value in the set
-    `given`. Returns what is seen with its standard uncertainty, what is stated (px) and how far it
-    is off; None where they agree.
+    `given`; the `code` of what is said. Raises InputError.
     """
     known, pixel_mm = given.uncertainty, given.camera.pixel_mm
     assert pixel_mm is not None
     sizes = np.asarray(sizes_px, dtype=float)
     size_px, spread_px = float(np.median(sizes)), float(np.hypot(2.0 * EDGE_PX, np.std(sizes)))
-    stated = size_mm / pixel_mm
-    size, pixel = getattr(known, name) or 0.0, known.pixel_mm or 0.0
+    stated, fitting = size_mm / pixel_mm, size_mm / size_px
+    size, pixel = getattr(known, name) or 0.0, known.pixel_mm or USUAL_SIZES[PIXEL] * pixel_mm
     off, parts = abs(size_px / stated - 1.0), (spread_px / stated, size / size_mm, pixel / pixel_mm)
-    if off <= max(CONTRADICTED * float(np.linalg.norm(parts)), SLIGHT):
-        return None
-    return (size_px, spread_px), stated, off
+    if off > CONTRADICTED * float(np.linalg.norm(parts)):
+        raise InputError(
+            code, **{name: size_mm}, pixel_mm=pixel_mm, stated=stated, off=off,
+            with_uncertainty=with_uncertainty(size_px, spread_px),
+            with_uncertainty_2=with_uncertainty(fitting, fitting * spread_px / size_px),
+        )  # fmt: skip

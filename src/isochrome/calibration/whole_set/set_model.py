@@ -55,10 +55,10 @@ EXPOSURES = "an exposure and stray light of each image"
 GREEN_NM = 550.0
 """The wavelength that a band's width is counted at: its share of the wavelength is what shows."""
 
-_KEYS = {key: size for cause in CAUSES for key, size in zip(cause.keys, cause.sizes, strict=True)}
-SIZES = {key: _KEYS[key] ** 2 if key in EVEN else _KEYS[key] for key in SHARED}
-"""Standard deviations on usual benches, see `fitting.causes`. `STEP` of these is that of their
-derivatives."""
+USUAL_SIZES = {k: size for cause in CAUSES for k, size in zip(cause.keys, cause.sizes, strict=True)}
+"""Standard deviations on usual benches, see `fitting.causes`; of a pixel the share of it."""
+SIZES = {key: USUAL_SIZES[key] ** 2 if key in EVEN else USUAL_SIZES[key] for key in SHARED}
+"""Those of what enters a set's model. `STEP` of these is that of their derivatives."""
 
 _BAND_SHARE = np.pi**2 / (4.0 * np.log(2.0) * GREEN_NM**2)
 """The model's `a` of a Gaussian band, over its squared full width at half height."""
@@ -383,18 +383,16 @@ class SetPoint:
         """The images' exposures (m,), the first one's 1."""
         return np.concatenate(([1.0], np.exp(self.model.value(self.values, EXPOSURES))))
 
-    def columns(self, index: int, bases: tuple[Array, Array] | None = None) -> Array:
-        """Weighted columns of an image by the light's coefficients (k, n), or those of `bases`."""
-        if bases is None:
-            return self._columns[index]
+    def columns_of(self, index: int, bases: tuple[Array, Array]) -> Array:
+        """Weighted columns (k, n) of an image by the light's coefficients of some `bases`."""
         light, dark = bases
         weight = self.exposure[index] * self.model.images[index].scale(self.gamma)
         return np.concatenate((light * (weight * self.signals[index]), dark * weight))
 
     @cached_property
-    def _columns(self) -> tuple[Array, ...]:
+    def columns(self) -> tuple[Array, ...]:
         """Those of the model's own light, of all images: derivatives and residuals share them."""
-        return tuple(self.columns(i, bases) for i, bases in enumerate(self.model.bases))
+        return tuple(self.columns_of(i, bases) for i, bases in enumerate(self.model.bases))
 
     @cached_property
     def linear(self) -> tuple[Array, Array, tuple[Array, ...]]:
@@ -402,7 +400,7 @@ class SetPoint:
         model, size = self.model, self.model.coefficients
         gram, right, data = np.zeros((size, size)), np.zeros(size), []
         for i, image in enumerate(model.images):
-            columns, place = self.columns(i), model.coefficients_of(i)
+            columns, place = self.columns[i], model.coefficients_of(i)
             value = image.toned(self.gamma)
             gram[np.ix_(place, place)] += columns @ columns.T
             right[place] += columns @ value
@@ -410,7 +408,7 @@ class SetPoint:
         inverse = scaled_inverse(gram + np.diag(model.light_weights))
         coefficients = inverse @ right
         residual = tuple(
-            value - coefficients[model.coefficients_of(i)] @ self.columns(i)
+            value - coefficients[model.coefficients_of(i)] @ self.columns[i]
             for i, value in enumerate(data)
         )
         return coefficients, inverse, residual
@@ -462,27 +460,21 @@ class SetPoint:
         if name == EXPOSURES:
             rows = np.zeros((len(model.shots) - 1, gain.size))
             if index:
-                rows[index - 1] = coefficients @ self.columns(index)
+                rows[index - 1] = coefficients @ self.columns[index]
             return rows
-        shared, bright = model.shared(self.values), model.shots[index].bright
+        shared = model.shared(self.values)
         if name == model.kind.besides:
-            unknowns, besides = (
-                model.unknowns_of(index, self.values),
-                model.value(self.values, name),
-            )
+            unknowns = model.unknowns_of(index, self.values)
+            besides = model.value(self.values, name)
             by = model.kind.by_besides(unknowns, besides, *model.looked_at(index, shared))
             return np.asarray(by * self.by_order(index)[1])
         step = STEP * SIZES[name]
         if name == GAMMA:  # how the residual changes with the exponent, the other way round
             later, image = replace(self, gamma=self.gamma + step), model.images[index]
-            columns = later.columns(index, model.bases[index]) - self.columns(index)
+            columns = later.columns_of(index, model.bases[index]) - self.columns[index]
             change = coefficients @ columns - image.toned(later.gamma) + image.toned(self.gamma)
             return np.asarray(change / step)[None]
-        moved = {name: shared[name] + step}
-        if name in LENS:
-            signal = model.signal(index, self.values, moved)
-        else:  # the orders stay
-            signal = seen(self.orders[index], shared | moved, bright)
+        signal = model.signal(index, self.values, {name: shared[name] + step})
         return np.asarray((signal - self.signals[index]) * gain / step)[None]
 
     def rows(self, index: int) -> tuple[Array, NDArray[np.intp]]:
@@ -513,7 +505,7 @@ class SetPoint:
             rows, place = self.rows(i)
             normal[np.ix_(place, place)] += rows @ rows.T
             gradient[place] += rows @ residual
-            cross[np.ix_(place, model.coefficients_of(i))] += rows @ self.columns(i).T
+            cross[np.ix_(place, model.coefficients_of(i))] += rows @ self.columns[i].T
         normal += np.diag(model.prior)
         gradient -= model.prior * self.values
         return normal - cross @ inverse @ cross.T, gradient
