@@ -3,7 +3,6 @@
 import json
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from pathlib import Path
 from time import monotonic
 from typing import Any
 
@@ -135,46 +134,6 @@ def print_json(values: Any) -> None:
     from isochrome.output import plain
 
     typer.echo(json.dumps(plain(values), allow_nan=False))
-
-
-def print_result(
-    result: Any,
-    out: Path,
-    as_json: bool,
-    show: Callable[[Any], None],
-    figures: Sequence[str] = (),
-    *,
-    into: Path | None = None,
-    what: str = "value",
-) -> None:
-    """A command's result: one JSON object, or what `show` prints, its warnings and its place.
-
-    `figures`, the files of one for a paper; `what` of it was set `into` a scene.
-    """
-    if as_json:
-        print_result_json(result, out, figures, into=into)
-        return
-    show(result)
-    print_warnings(list(result.warnings))
-    done = getattr(result, "already", False)  # an earlier run had left it all
-    again = " (complete already; --restart computes them anew)" if done else ""
-    also = "" if into is None else f"; {what} set in {into}"
-    typer.echo(f"results: {out}{again}{also}")
-    print_figures(figures)
-
-
-def print_result_json(
-    result: Any, out: Path, figures: Sequence[str], *, into: Path | None = None
-) -> None:
-    """A command's result, and its places, as one JSON object."""
-    places = {"out": out, "into": into, "figures": figures}
-    print_json({name: place for name, place in places.items() if place} | result.to_json())
-
-
-def print_figures(files: Sequence[str]) -> None:
-    """The files of a figure for a paper, where there is one."""
-    if files:
-        typer.echo(f"figure for a paper: {', '.join(files)}")
 
 
 def print_summary(result: Any) -> None:
