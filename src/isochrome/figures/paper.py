@@ -174,6 +174,10 @@ def data_name(words: str) -> str:
     return f"{_DATA_ONLY}{words}"
 
 
+ENVELOPE = "least, most"
+"""Name of a band that holds all values of which a curve has the means."""
+
+
 def curve_columns(axes: Axes) -> dict[str, Array]:
     """The data of the curves of a plot, as columns for a spreadsheet, NaN where one is shorter.
 
@@ -225,20 +229,19 @@ def _curves(axes: Axes) -> Iterator[tuple[str, Array, dict[str, Array]]]:
             yield from _error_bars(bars)
         elif isinstance(bars, BarContainer):
             yield from _bars(axes, bars)
-    bands = {
-        tuple(np.atleast_2d(band.get_facecolor())[0, :3].tolist()): _band(band)
-        for band in axes.collections
-        if isinstance(band, PolyCollection) and len(band.get_facecolor())
-    }
+    bands = [band for band in axes.collections if isinstance(band, PolyCollection)]
     for line in axes.lines:
         x, y = _points(line)
         if line in held or line.get_transform() != axes.transData or not len(x):
             continue
         values = {"": y}
-        band = bands.pop(to_rgb(line.get_color()), None)
-        if band is not None and len(x) == len(y):
-            for ending, k in ((" low", 0), (" high", 1)):
-                values[ending] = np.array([band.get(at, (np.nan, np.nan))[k] for at in x.tolist()])
+        own = [band for band in bands if _colour(band) == to_rgb(line.get_color())]
+        bands = [band for band in bands if band not in own]
+        for band in own:
+            ends, names = _band(band), ENVELOPE if _name(band) == ENVELOPE else "low, high"
+            for k, ending in enumerate(names.split(", ")):
+                column = [ends.get(at, (np.nan, np.nan))[k] for at in x.tolist()]
+                values[f" {ending}"] = np.array(column)
         yield _name(line), x, values
 
 
@@ -264,6 +267,11 @@ def _bars(axes: Axes, bars: Any) -> Iterator[tuple[str, Array, dict[str, Array]]
     widths = np.array([patch.get_width() for patch in bars.patches], dtype=float)
     if len(names) == len(widths):
         yield "", np.array(names)[::-1], {"": widths[::-1]}
+
+
+def _colour(band: Any) -> tuple[float, ...] | None:
+    colours = np.atleast_2d(band.get_facecolor())
+    return tuple(colours[0, :3].tolist()) if colours.size else None
 
 
 def _band(band: Any) -> dict[float, tuple[float, float]]:

@@ -25,24 +25,20 @@ from numpy.typing import ArrayLike, NDArray
 
 from isochrome.errors import InputError
 from isochrome.figures import (
-    BAND,
     DIFFERENCE_MAP,
     FINE_PT,
     FRAME_MAP,
-    KEY_LABELS,
-    LINE_COLOURS,
-    LINE_PT,
     PALE,
     PAPER_DIRECTION_MAP,
     VALUE_MAP,
     Place,
-    frame_axis,
+    Plot,
+    curve_columns,
     new_figure,
     show_image,
-    style_axes,
 )
 from isochrome.messages import entry_of
-from isochrome.output import FrameValues, to_last_digit, with_uncertainty, write_text
+from isochrome.output import to_last_digit, with_uncertainty, write_text
 from isochrome.scene import Camera, Frames, Polariscope, Scene
 
 if TYPE_CHECKING:
@@ -292,7 +288,7 @@ class ReportContent:
     verdict: str  # what was found, in a sentence
     frames: Sequence[ReportFrame] = ()
     choice: str = ""  # which frames of how many, and why
-    curves: Sequence[Curve] = ()
+    curves: Sequence[Plot] = ()  # of values over distance or frames
     budget: ReportTable | None = None  # shares of the uncertainty; None: the run has none
     no_budget: str = ""  # why there is none, and what to do
     tables: Sequence[ReportTable] = ()
@@ -417,9 +413,6 @@ def _numbers(scene: Scene) -> Iterator[tuple[str, str]]:
             yield "date of f_sigma", scene.fringe_value_date or NO_DATE
 
 
-MOST_POINTS = 240
-"""Points of a curve: more than a drawing has pixels to tell them apart."""
-
 _INCHES = 4.0, 2.3
 """Of a drawing, whose letters are then those of a page where a telephone shows it."""
 
@@ -429,100 +422,37 @@ _SVG: Any = {"svg.fonttype": "path", "svg.hashsalt": "isochrome", "text.parse_ma
 _UNDATED = dict.fromkeys(("Date", "Creator", "Format", "Type"))
 
 
-@dataclass(frozen=True, kw_only=True)
-class Curve:
-    """A quantity over distance or frames; each point (n,) is some neighbours together where there
-    are many.
+def drawn_chart(plot: Plot) -> dict[str, Any] | None:
+    """A plot as the page takes it: drawing and numbers; None where it has no two points.
+
+    The drawing is base64 of a picture of its own, as the page's policy forbids its styles.
     """
+    from matplotlib import rc_context
+    from matplotlib.backends.backend_svg import FigureCanvasSVG  # `savefig` lays out twice
 
-    label: str  # name and unit of the quantity
-    across: str  # name and unit of the horizontal axis
-    place: Array
-    value: Array  # their mean
-    least: Array  # envelope of the values
-    most: Array
-    low: Array  # envelope of the bands
-    high: Array
-    together: int  # how many values are one point, at most
-    has_band: bool  # the values have uncertainties
-
-    @property
-    def rows(self) -> list[tuple[str, ...]]:
-        """The points as a table: place, value, least, most, low, high."""
-        columns = self.place, self.value, self.least, self.most, self.low, self.high
-        return [tuple(f"{value:.6g}" for value in row) for row in zip(*columns, strict=True)]
-
-    def draw(self, axes: Axes) -> None:
-        """Draw the line between its envelope and its band; few points have dots."""
-        colour = LINE_COLOURS[0]
-        axes.fill_between(self.place, self.low, self.high, color=colour, alpha=0.25, lw=0)
-        axes.fill_between(self.place, self.least, self.most, color=colour, alpha=0.35, lw=0)
-        dot = "o" if len(self.place) <= MOST_POINTS // 6 else ""
-        axes.plot(self.place, self.value, color=colour, lw=LINE_PT, marker=dot, ms=4)
-
-    @property
-    def svg(self) -> str:
-        """The drawing as base64: a picture of its own, as the page's policy forbids its styles."""
-        from matplotlib import rc_context
-        from matplotlib.backends.backend_svg import FigureCanvasSVG  # `savefig` lays out twice
-
-        content = io.BytesIO()
-        with rc_context(_SVG):
-            figure = new_figure(*_INCHES)
-            axes = figure.subplots()
-            self.draw(axes)
-            axes.ticklabel_format(useOffset=False)
-            axes.locator_params(nbins=5)  # numbers of a long run have room beside each other
-            axes.grid(color=PALE, alpha=0.5, lw=FINE_PT)
-            axes.set_axisbelow(True)
-            style_axes(axes, x_label=self.across)
-            canvas: Any = FigureCanvasSVG(figure)
-            canvas.print_svg(content, metadata=_UNDATED)
-        return base64.b64encode(content.getvalue()).decode()
-
-
-def curves_of(table: FrameValues) -> list[Curve]:
-    """The curves of fitted values, each with its band, and one of chi.
-
-    One for each key that is known in two frames at least; a tracked video's places too.
-    """
-    place, across = frame_axis(table)
-    place = np.where(np.isfinite(place), place, 0.0)  # what stands still has slid by nothing
-    labels = [*(KEY_LABELS.get(key, key) for key in table.keys), "chi (residual over noise)"]
-    columns, spreads = (*table.values.T, table.chi), (*table.standard_uncertainty.T, None)
-    return [
-        make_curve(label, across, place, values, spread)
-        for label, values, spread in zip(labels, columns, spreads, strict=True)
-        if np.isfinite(values).sum() > 1
-    ]
-
-
-def make_curve(
-    label: str, across: str, place: Array, values: Array, spread: Array | None = None
-) -> Curve:
-    """A quantity's curve: what is not known is left out, and many are put together.
-
-    At least one value is known; `spread` is their standard uncertainties, None: they have none.
-    """
-    spreads = np.zeros(len(values)) if spread is None else spread
-    known = np.flatnonzero(np.isfinite(values))
-    known = known[np.argsort(place[known], kind="stable")]
-    half = BAND * np.where(np.isfinite(spreads), spreads, 0.0)
-    together = -(-len(known) // MOST_POINTS)
-    starts = np.arange(0, len(known), together)
-    counts = np.diff([*starts, len(known)])
-    return Curve(
-        label=label,
-        across=across,
-        place=np.add.reduceat(place[known], starts) / counts,
-        value=np.add.reduceat(values[known], starts) / counts,
-        least=np.minimum.reduceat(values[known], starts),
-        most=np.maximum.reduceat(values[known], starts),
-        low=np.minimum.reduceat((values - half)[known], starts),
-        high=np.maximum.reduceat((values + half)[known], starts),
-        together=together,
-        has_band=spread is not None,
-    )
+    content = io.BytesIO()
+    with rc_context(_SVG):
+        figure = new_figure(*_INCHES)
+        axes = figure.subplots()
+        plot.draw(axes)
+        columns = curve_columns(axes)
+        across, *names = columns or ("", "")
+        if not columns or np.isfinite(columns[names[0]]).sum() < 2:
+            return None
+        axes.ticklabel_format(useOffset=False)
+        axes.locator_params(nbins=5)  # numbers of a long run have room beside each other
+        axes.grid(color=PALE, alpha=0.5, lw=FINE_PT)
+        axes.set_axisbelow(True)
+        axes.set(ylabel="", title="")
+        axes.set_title("", loc="left")
+        canvas: Any = FigureCanvasSVG(figure)
+        canvas.print_svg(content, metadata=_UNDATED)
+    rows = zip(*(column.tolist() for column in columns.values()), strict=True)
+    return {
+        "label": plot.title, "across": across, "names": list(columns),
+        "rows": [["" if v != v else f"{v:.6g}" for v in row] for row in rows],
+        "svg": base64.b64encode(content.getvalue()).decode(),
+    }  # fmt: skip
 
 
 def assemble_page(
@@ -628,6 +558,7 @@ def report_html(content: ReportContent) -> str:
             "data": {"frames": for_script},
             "strides": sorted({one["stride"] for one in frames}),
             "steps": sorted({one["step"] for one in maps}),  # that orders are rounded to
+            "charts": [chart for plot in content.curves if (chart := drawn_chart(plot))],
             "groups": warnings_with_remedies(content.warnings),
             "picture": _picture(content.picture),
             "scene": content.scene[:_LONGEST_SCENE],
