@@ -86,7 +86,7 @@ FINE_STEP, STEP = 0.001, 0.01
 """Fringes: orders in a report are rounded to the first, or the second where that lacks room."""
 
 ROOM_BYTES = 8_000_000
-"""Text for all frames of a report, of the 10 MB that one has at most."""
+"""Text for the run's own figure and all frames, of the 10 MB that a report has at most."""
 
 _LARGEST = 65_000
 """Steps that 16 bits hold; orders hundreds of fringes above the smallest are given as not known."""
@@ -94,8 +94,8 @@ _LARGEST = 65_000
 _LEAST_BYTES = 0.4
 """Bytes a pixel of a frame, of which no camera's frame takes less: nothing finer is tried."""
 
-_GREYS, _COLOURS = 64, 15
-"""Levels of a grey picture and of a difference: more are not told apart on paper."""
+_LEVELS = 64
+"""Of a picture: more are not told apart on paper."""
 
 
 FRINGES, SIGNAL, GREY_LEVELS = "fringes", "of the full light", "grey levels"
@@ -159,12 +159,14 @@ def encode_frames(frames: Sequence[ReportFrame], *, room: int = ROOM_BYTES) -> l
         maps = (order for order in (frame.order, frame.model_order) if order is not None)
         known = (order[np.isfinite(order)] for order in maps)
         holds = all(np.ptp(one) < FINE_STEP * (_LARGEST - 1) for one in known if one.size)
-        encoded = _encoded(frame, stride, FINE_STEP if holds else STEP)
-        if holds and _size(encoded) > share:
-            encoded |= _orders(frame, stride, STEP)
-        while _size(encoded) > share and min(shape) > stride:
-            stride = max(stride + 1, int(stride * np.sqrt(_size(encoded) / share)))
-            encoded = _encoded(frame, stride, STEP)
+        step = FINE_STEP if holds else STEP
+        encoded = _encoded(frame, stride, step)
+        while _size(encoded) > share and (step == FINE_STEP or min(shape) > stride):
+            if step == FINE_STEP:
+                step = STEP
+            else:
+                stride = max(stride + 1, int(stride * np.sqrt(_size(encoded) / share)))
+            encoded = _encoded(frame, stride, step)
         result.append(encoded)
     return result
 
@@ -177,34 +179,23 @@ def _size(encoded: dict[str, Any]) -> int:
 def _encoded(frame: ReportFrame, stride: int, step: float) -> dict[str, Any]:
     """A frame as the page takes it: means over `stride` pixels, and orders in their middle."""
     rows, cols = (size // stride for size in frame.panes[0].values.shape)
-    squares = rows, stride, cols, stride
-    means = [
-        p.values[: rows * stride, : cols * stride].reshape(squares).mean(axis=(1, 3))
-        for p in frame.panes
-    ]
-    return {name: getattr(frame, name) for name in _AS_IT_IS} | {
-        "rows": rows,
-        "cols": cols,
-        "stride": stride,
-        "first": stride // 2,
-        "panes": [
-            {"key": p.key, "label": p.label, "span": p.span, "unit": p.unit,
-             "png": _png(p, mean),
-             "bar": _png(p, np.linspace(*p.span, _GREYS)[None])}  # from end to end of its span
-            for p, mean in zip(frame.panes, means, strict=True)
-        ],
-    } | _orders(frame, stride, step)  # fmt: skip
-
-
-def _orders(frame: ReportFrame, stride: int, step: float) -> dict[str, Any]:
-    """A frame's orders as the page takes them, those in the middle of each square."""
-    first = stride // 2
-    rows, cols = (size // stride for size in frame.panes[0].values.shape)
+    squares, first = (rows, stride, cols, stride), stride // 2
     part = tuple(slice(first, first + stride * size, stride) for size in (rows, cols))
-    return {
-        name: None if order is None else order_map(order[part], step)
-        for name, order in {"order": frame.order, "model_order": frame.model_order}.items()
-    }
+    panes = []
+    for pane in frame.panes:
+        mean = pane.values[: rows * stride, : cols * stride].reshape(squares).mean(axis=(1, 3))
+        panes.append({
+            "key": pane.key, "label": pane.label, "span": pane.span, "unit": pane.unit,
+            "png": _png(pane, mean),
+            "bar": _png(pane, np.linspace(*pane.span, _LEVELS)[None]),  # from end to end
+        })  # fmt: skip
+    return {name: getattr(frame, name) for name in _AS_IT_IS} | {
+        "rows": rows, "cols": cols, "stride": stride, "first": first, "panes": panes,
+        **{
+            name: None if order is None else order_map(order[part], step)
+            for name, order in (("order", frame.order), ("model_order", frame.model_order))
+        },
+    }  # fmt: skip
 
 
 def order_map(order: Array, step: float = STEP) -> dict[str, Any]:
@@ -229,26 +220,23 @@ def _png(pane: Pane, values: Array) -> str:
     from matplotlib import colormaps
     from PIL import Image
 
-    count = _COLOURS if pane.key == "difference" else _GREYS
     low, high = pane.span
-    level = np.rint(np.nan_to_num((values - low) / ((high - low) or 1.0), nan=0.0) * (count - 1))
-    level = np.where(np.isfinite(values), np.clip(level, 0, count - 1), count).astype(np.uint8)
+    level = np.rint(np.nan_to_num((values - low) / ((high - low) or 1.0), nan=0.0) * (_LEVELS - 1))
+    level = np.where(np.isfinite(values), np.clip(level, 0, _LEVELS - 1), _LEVELS).astype(np.uint8)
     picture = Image.fromarray(level, "P")
-    colours = colormaps[pane.colours](np.linspace(0.0, 1.0, count))[:, :3]
+    colours = colormaps[pane.colours](np.linspace(0.0, 1.0, _LEVELS))[:, :3]
     palette = np.rint(255 * np.vstack([colours, [1.0, 1.0, 1.0]])).astype(np.uint8)
     picture.putpalette(bytes(palette))
     file = io.BytesIO()
-    picture.save(file, "PNG", transparency=count, bits=4 if count < 16 else 8, compress_level=5)
+    picture.save(file, "PNG", transparency=_LEVELS, compress_level=5)
     return base64.b64encode(file.getvalue()).decode()
 
 
-_MOST_ROWS = 60
-"""Rows of a table in a report: the run's own file has all of them."""
+_MOST = 60
+"""Rows of a table in a report, warnings of a group and files of the input with their hashes: the
+run's own files have all of them."""
 
 _SPREAD = "standard_uncertainty"
-
-_MOST_MESSAGES = 30
-"""Of a group of warnings: each frame of a long run may have one of its own."""
 
 
 @dataclass(frozen=True)
@@ -269,14 +257,14 @@ class ReportTable:
             column = _SPREAD if name == "value" else f"{name} {_SPREAD}"
             spreads = self.columns.get(column, [None] * len(values))
             digits = 2 if name.endswith(("uncertainty", "bound")) else 5
-            pairs = zip(values[:_MOST_ROWS], spreads, strict=False)
+            pairs = zip(values[:_MOST], spreads, strict=False)
             columns.append([(_text(v, u, digits), isinstance(v, int | float)) for v, u in pairs])
         return list(zip(*columns, strict=True))
 
     @property
     def left_out(self) -> int:
         """How many rows are left to the run's own file."""
-        return max(0, max(map(len, self.columns.values()), default=0) - _MOST_ROWS)
+        return max(0, max(map(len, self.columns.values()), default=0) - _MOST)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -317,7 +305,7 @@ def warnings_with_remedies(warnings: Iterable[str]) -> list[dict[str, Any]]:
         title = entry.title if entry else "Other"
         words = {name: getattr(entry, name, "") for name in ("meaning", "cause", "remedy")}
         group = groups.setdefault(title, {"title": title, **words, "messages": [], "left_out": 0})
-        if len(group["messages"]) < _MOST_MESSAGES:
+        if len(group["messages"]) < _MOST:
             group["messages"].append(text)
         else:
             group["left_out"] += 1
@@ -342,9 +330,6 @@ _MEASURED = (
     ("indenter's radius", "indenter.radius_mm", "mm"),
 )
 """Names, keys and units of the measured numbers that a paper states."""
-
-_MOST_FILES = 16
-"""Of the input, with their hashes: a run may be of thousands of single pictures."""
 
 NO_DATE = (
     "not stated in the scene, where calibrate --into writes it; else it stands in the report of "
@@ -387,10 +372,10 @@ def paper_rows(scene: Scene | None, record: Mapping[str, Any]) -> list[tuple[str
     result += [("with", versions)] if versions else []
     result += [("SHA-256 of the code", str(code))] if code else []
     files = list((record.get("inputs_sha256") or {}).items())
-    for name, digest in files[:_MOST_FILES]:
+    for name, digest in files[:_MOST]:
         result.append((f"SHA-256 of {PurePath(*PurePath(name).parts[-2:])}", str(digest)))
-    if len(files) > _MOST_FILES:
-        result.append((f"SHA-256 of {len(files) - _MOST_FILES} files more", "in provenance.json"))
+    if len(files) > _MOST:
+        result.append((f"SHA-256 of {len(files) - _MOST} files more", "in provenance.json"))
     return result
 
 
@@ -519,9 +504,6 @@ MOST_BYTES = 10_000_000
 _LONGEST_SCENE = 300_000
 """Letters: a scene may hold a measured course of a hundred thousand rows."""
 
-_LARGEST_PICTURE = 6_000_000
-"""Bytes of a run's own figure, beside what else is in a report without frames."""
-
 
 def write_report(path: str | Path, content: ReportContent) -> Path:
     """Write a report, whole or not at all; InputError where it cannot be, or is over 10 MB."""
@@ -541,7 +523,8 @@ def report_html(content: ReportContent) -> str:
     Its policy of content allows the one style and the one script that are in it, by their hashes,
     and pictures that are in it; no address is ever asked.
     """
-    frames = encode_frames(content.frames, room=ROOM_BYTES)
+    picture = _picture(content.picture, ROOM_BYTES // 2)
+    frames = encode_frames(content.frames, room=ROOM_BYTES - len(picture))
     maps = (one[name] for one in frames for name in ("order", "model_order") if one[name])
     for_script = [  # its pictures stand in the page
         one | {"panes": [{"key": p["key"], "label": p["label"]} for p in one["panes"]]}
@@ -560,19 +543,19 @@ def report_html(content: ReportContent) -> str:
             "steps": sorted({one["step"] for one in maps}),  # that orders are rounded to
             "charts": [chart for plot in content.curves if (chart := drawn_chart(plot))],
             "groups": warnings_with_remedies(content.warnings),
-            "picture": _picture(content.picture),
+            "picture": picture,
             "scene": content.scene[:_LONGEST_SCENE],
             "scene_is_cut": len(content.scene) > _LONGEST_SCENE,
         },
     )
 
 
-def _picture(png: bytes | None) -> str:
+def _picture(png: bytes | None, room: int) -> str:
     """A PNG as base64; packed tighter, and only then made smaller, where it takes too much room."""
     if png is None:
         return ""
     packed, part = png, 1
-    while len(packed) * 4 // 3 > _LARGEST_PICTURE:
+    while len(packed) * 4 // 3 > room:
         from PIL import Image
 
         file = io.BytesIO()
