@@ -19,7 +19,6 @@ import re
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -68,7 +67,7 @@ from isochrome.scene import (
     with_table_list,
 )
 from isochrome.specimens import specimen_model
-from isochrome.stress import PixelGrid, pixel_grid, seen_nearly
+from isochrome.stress import PixelGrid, pixel_grid
 
 Point = tuple[float, float]
 """A place as (row, col), px."""
@@ -153,8 +152,6 @@ _TOLERANCE = 3e-3
 _ROOM = 1.8
 """Window on the surface over what the scene's own load needs: enough for three times the load."""
 
-_LENS = ("roll_deg", "distortion", "keystone_x", "keystone_z")
-
 
 class LiveModel:
     """A scene's fringes on the pixels (rows, cols) of its region, as values move.
@@ -196,21 +193,12 @@ class LiveModel:
 
     def _signal(self, scene: Scene) -> NDArray[np.floating]:
         pixels = pixel_grid(scene, self.shape)
-        if pixels.lens is None:
-            return self._plain(scene, pixels)
-        around = pixels.around()
-        place = {"left_mm": around.left_mm, "top_mm": around.top_mm, "width_px": around.cols}
-        camera = place | {"height_px": around.rows} | dict.fromkeys(_LENS, 0.0)
-        square = scene.with_values({f"camera.{key}": value for key, value in camera.items()})
-        return seen_nearly(self._plain(square, around), around, pixels)
-
-    def _plain(self, scene: Scene, pixels: PixelGrid) -> NDArray[np.floating]:
-        """The signal on pixels that look straight at the specimen."""
-        shape = pixels.rows, pixels.cols
-        if shape not in self._renderers:
-            self._renderers = {shape: SceneRenderer(self._base, shape, rough=True)}
-        signal = self._renderers[shape].signal(scene, visibility=np.ones((), np.float32))
-        inside = specimen_model(scene).inside(replace(pixels, lens=None))
+        around = pixels.around()  # whose size a renderer takes for granted
+        size = around.rows, around.cols
+        if size not in self._renderers:
+            self._renderers = {size: SceneRenderer(self._base, self.shape, rough=True)}
+        signal = self._renderers[size].signal(scene, visibility=np.ones((), np.float32))
+        inside = specimen_model(scene).inside(pixels)
         return np.where(inside, np.nan_to_num(signal), 0.0)
 
 
