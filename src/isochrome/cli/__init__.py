@@ -75,7 +75,7 @@ app.add_typer(calibrate_app, name="calibrate")
 class Finished:
     """What a command has done: a Result that it left in its folder, or a dict, printed as JSON."""
 
-    found: Any
+    result: Any
     show: Callable[[Any], None]  # prints it for people
     # prints its warnings and its place too; else these follow
     shows_all: bool = False
@@ -95,15 +95,16 @@ def command(
 
     def add(function: Callable[..., Finished]) -> Callable[..., Finished]:
         given = inspect.signature(function, eval_str=True).parameters
-        left = "out" in given and given["out"].kind is inspect.Parameter.KEYWORD_ONLY
-        folder = Path(f"isochrome-{name.split()[0]}") if left else None
+        writes = "out" in given and given["out"].kind is inspect.Parameter.KEYWORD_ONLY
+        folder = Path(f"isochrome-{name.split()[0]}") if writes else None
 
         def run(*, as_json: bool, **values: Any) -> None:
             write_extras = take_extras(values)
-            asked = {"as_json": as_json} if "as_json" in given else {}
-            outcome = function(**values, **asked)
-            out = values["out"] if left else Path()
-            files = write_extras(outcome.found, outcome.extras or out)
+            if "as_json" in given:
+                values["as_json"] = as_json
+            outcome = function(**values)
+            out = values["out"] if writes else Path()
+            files = write_extras(outcome.result, outcome.extras or out)
             if as_json:
                 _print_json(outcome, out, files)
             else:
@@ -126,19 +127,19 @@ def command(
 
 def _print_json(outcome: Finished, out: Path, files: Sequence[str]) -> None:
     """One JSON object: a result with its places, or plain values."""
-    if isinstance(outcome.found, dict):
-        print_json(outcome.found)
+    if isinstance(outcome.result, dict):
+        print_json(outcome.result)
     else:
         places = {"out": out, "into": outcome.into and outcome.into[1], "figures": files}
-        print_json({n: place for n, place in places.items() if place} | outcome.found.to_json())
+        print_json({n: place for n, place in places.items() if place} | outcome.result.to_json())
 
 
 def _print_for_people(outcome: Finished, out: Path, files: Sequence[str]) -> None:
     """What `show` prints, its warnings and its places."""
-    outcome.show(outcome.found)
+    outcome.show(outcome.result)
     if not outcome.shows_all:
-        print_warnings(list(outcome.found.warnings))
-        done = getattr(outcome.found, "already", False)  # an earlier run had left it all
+        print_warnings(list(outcome.result.warnings))
+        done = getattr(outcome.result, "already", False)  # an earlier run had left it all
         again = " (complete already; --restart computes them anew)" if done else ""
         also = "; {} set in {}".format(*outcome.into) if outcome.into else ""
         typer.echo(f"results: {out}{again}{also}")
@@ -247,8 +248,8 @@ def _process_campaign(
         result = process_campaign(recordings, scene, out, progress=progress, **options)
     summary = out / "summary.csv"
 
-    def show(found: Any) -> None:
-        table = found.columns
+    def show(result: Any) -> None:
+        table = result.columns
         print_columns(table, [name for name in _SHOWN_OF_CAMPAIGN if name in table])
         for name, error in zip(table["recording"], table["error"], strict=True):
             if error:
@@ -369,12 +370,12 @@ def sweep_command(
     with run_bar("sweeping", "points") as progress:
         result = run(scene, vary, out, progress=progress, **options)
 
-    def show(found: Any) -> None:
-        print_warnings(list(found.warnings))
+    def show(result: Any) -> None:
+        print_warnings(list(result.warnings))
         for key in dict.fromkeys(text.partition("=")[0].strip() for text in vary):
-            values = ", ".join(f"{value:g}" for value in dict.fromkeys(found.columns[key]))
+            values = ", ".join(f"{value:g}" for value in dict.fromkeys(result.columns[key]))
             typer.echo(f"{key} = {values}")
-        typer.echo(f"{counted(found.points, 'point')}; results: {out}")
+        typer.echo(f"{counted(result.points, 'point')}; results: {out}")
 
     missing = (
         f"{result.failed} of {result.points} points were refused by their physics, "
@@ -488,8 +489,8 @@ def demo_command(*, out: Path, as_json: bool, **_: Any) -> Finished:
         result = run(out, progress=say)
     compared = result.folder / "comparison"
 
-    def show(found: Any) -> None:
-        print_rows(("quantity", "found", "expected"), found.rows)
+    def show(result: Any) -> None:
+        print_rows(("quantity", "found", "expected"), result.rows)
         typer.echo(f"experiment beside simulation: {compared / 'comparison.png'}")
 
     return Finished(result, show, shows_all=True, extras=compared)

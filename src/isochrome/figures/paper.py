@@ -235,9 +235,9 @@ def _curves(axes: Axes) -> Iterator[tuple[str, Array, dict[str, Array]]]:
         if line in held or line.get_transform() != axes.transData or not len(x):
             continue
         values = {"": y}
-        own = [band for band in bands if _colour(band) == to_rgb(line.get_color())]
-        bands = [band for band in bands if band not in own]
-        for band in own:
+        same = [band for band in bands if _colour(band) == to_rgb(line.get_color())]
+        bands = [band for band in bands if band not in same]
+        for band in same:
             ends, names = _band(band), ENVELOPE if _name(band) == ENVELOPE else "low, high"
             for k, ending in enumerate(names.split(", ")):
                 column = [ends.get(at, (np.nan, np.nan))[k] for at in x.tolist()]
