@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args, get_origin, get_type_h
 
 import numpy as np
 
-from isochrome.drafting.fields import KINDS, OPTIONS, QUANTITIES
+from isochrome.drafting.fields import KINDS, OPTIONS, QUANTITIES, STATED_SHAPES
 from isochrome.errors import InputError
 from isochrome.frames import Channel, Frame, FrameReader, check_scale, likely_no_load, named_files
 from isochrome.messages import warnings_json
@@ -124,7 +124,7 @@ def written_draft(
     """
     turn = next((value.value for value in fitted if value.key == TURN), given.rotate_deg)
     shape = given.shape
-    values = [DraftValue("specimen.shape", shape, "given")] * (shape != "contact")
+    values = [DraftValue("specimen.shape", shape, "given")] * (shape in STATED_SHAPES)
     values += [
         DraftValue(QUANTITIES[name].key, value, "given", note=QUANTITIES[name].unit)
         for name in NEEDED[shape] or NEEDED_BESIDE

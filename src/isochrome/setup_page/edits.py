@@ -19,6 +19,7 @@ from isochrome.drafting import (
     NEEDED,
     OPTIONS,
     SET_KINDS,
+    STATED_SHAPES,
     KnownValues,
     SceneDraft,
     draft_scene,
@@ -52,9 +53,6 @@ from isochrome.setup_page.session import (
     with_loads,
 )
 from isochrome.stress import PixelGrid, pixel_grid
-
-STATED_SHAPES = ("disc", "ring", "beam", "other")
-"""Kinds that the scene names in specimen.shape."""
 
 
 def session_state(session: SetupSession) -> dict[str, Any]:
