@@ -169,18 +169,12 @@ def print_warnings(warnings: list[str]) -> None:
         typer.echo(f"warning: {line}", err=True)
 
 
-def print_calibration(result: Any) -> None:
-    """A fringe value with its uncertainty and goodness."""
-    from isochrome.output import with_uncertainty
-
-    value, spread = result.fringe_value_n_per_mm, result.standard_uncertainty
-    typer.echo(f"fringe_value_n_per_mm = {with_uncertainty(value, spread)} (standard uncertainty)")
-    typer.echo(f"chi = {result.chi:.3f}")
-    if result.order_at_zero_load is not None:
-        typer.echo(f"order at zero load = {round(result.order_at_zero_load, 3) + 0.0:.3f} fringes")
-    if result.residual is not None:
-        form, size = result.residual["form"], result.residual["largest_order"]
-        typer.echo(f"residual stress: {form}, up to {size:.3f} fringes")
+def print_values(result: Any) -> None:
+    """The main values of a result, and what was taken as exact."""
+    for name, value in result.main_values():
+        typer.echo(f"{name} = {value}")
+    for key in getattr(result, "taken_as_exact", ()):
+        typer.echo(f"taken as exact: {key}")
 
 
 def print_fit(result: Any) -> None:

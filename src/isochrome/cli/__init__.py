@@ -34,13 +34,13 @@ from isochrome.cli.options import (
 )
 from isochrome.console import (
     campaign_bar,
-    print_calibration,
     print_columns,
     print_fit,
     print_json,
     print_markdown,
     print_rows,
     print_summary,
+    print_values,
     print_warnings,
     run_bar,
     steps,
@@ -189,7 +189,7 @@ def init_command(
             known[name] = typer.prompt(drafting.QUANTITIES[name].question, type=float, err=True)
 
     def show(draft: Any) -> None:
-        _print_values(draft)
+        print_values(draft)
         for key in draft.open:
             typer.echo(f"to fill in: {key.key}: {key.hint}")
         typer.echo("look at scene.png, fill in scene.toml; isochrome check says whether both fit")
@@ -307,14 +307,6 @@ def _calibrate(
     return Finished(result, show, into=(values, into) if into else None)
 
 
-def _print_values(result: Any) -> None:
-    """The main values of a result, and what was taken as exact."""
-    for name, value in result.main_values():
-        typer.echo(f"{name} = {value}")
-    for key in getattr(result, "taken_as_exact", ()):
-        typer.echo(f"taken as exact: {key}")
-
-
 def _print_colours(result: Any) -> None:
     """How far the table goes, and the gamma that belongs to it."""
     typer.echo(f"colour table to N = {result.colour_table.highest:.2f} from {result.way}")
@@ -323,13 +315,13 @@ def _print_colours(result: Any) -> None:
 
 
 for what, text, show, given in (
-    ("bending", "Calibrate from images of a beam in four-point bending.", print_calibration, INTO),
-    ("disc", "Calibrate from images of a disc under diametral compression.", print_calibration,
+    ("bending", "Calibrate from images of a beam in four-point bending.", print_values, INTO),
+    ("disc", "Calibrate from images of a disc under diametral compression.", print_values,
      INTO),
     ("colour", "Calibrate a colour table, from a beam's images or from any images' own colours.",
      _print_colours, {}),
     ("wear", "Calibrate the wear coefficient from traces over worn scars, or from worn volumes.",
-     _print_values, INTO),
+     print_values, INTO),
 ):  # fmt: skip
     command(f"calibrate {what}", given, FIGURE, TABLES, text=text)(partial(_calibrate, what, show))
 
@@ -346,7 +338,7 @@ def scale_command(
 ) -> Finished:
     """Find mm a pixel and the lens, from a chessboard, dots or two edges a known distance apart."""
     sources: Any = images
-    return _calibrate("scale", _print_values, sources, out=out, **options)
+    return _calibrate("scale", print_values, sources, out=out, **options)
 
 
 @command("sweep", RUN)

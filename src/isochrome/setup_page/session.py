@@ -666,14 +666,9 @@ def calibration_answer(session: SetSession) -> dict[str, Any]:
     """
     revision = session.revision
     result = session.calibrate()
-    value = with_uncertainty(result.fringe_value_n_per_mm, result.standard_uncertainty)
-    values = {"f_sigma (N/mm per fringe)": value, "chi (1 = within the noise)": f"{result.chi:.2f}"}
-    order, spread = result.order_at_zero_load, result.order_at_zero_load_uncertainty
-    if order is not None and spread is not None:
-        values["Order at zero load (fringes)"] = with_uncertainty(order, spread)
     return {
         "revision": revision,
-        "values": [{"words": words, "text": text} for words, text in values.items()],
+        "values": [{"words": words, "text": text} for words, text in result.main_values()],
         "images": [
             {name: getattr(image, name) for name in ("file", "load_n", "order", "chi")}
             for image in result.images
