@@ -347,17 +347,11 @@ _COLUMN_MM = 120.0
 _PLOT_MM = 70.0
 """Narrowest plot, with its labels."""
 _AROUND_MM = 14.0
-"""Room of a panel's numbers and labels at the left."""
+"""Room of a panel's numbers and labels at the left, and of a number at a plot's horizontal axis."""
 _SCREEN_MM = 260.0
 """Width of a figure for a screen."""
 _LETTER_MM = 1.5
 """A letter's width in a line of text."""
-_TICK_MM = 14.0
-"""Room of a number at a plot's horizontal axis."""
-_BAR_MM = 1.6
-"""Height of a colour bar."""
-_MARK_PT = 10.0
-"""Room of marks between a picture and its title."""
 _ONE_PLACE = 0.01
 """Over the picture's size: pictures that are no further apart have their numbers once."""
 _PLOT = "plot-"
@@ -426,22 +420,17 @@ def figure_for_page(result: WithPanels, style: FigureStyle) -> tuple[Figure, tup
             "has_no_figure_paper", title=getattr(result, "title", type(result).__name__)
         )
     panels: PaperPanels = make(style.frames)
-    rows, plots = _picture_rows(panels, style.width_mm), list(panels.plots)
-    figure = _drawn(panels, style, rows, plots)
-    closer = _picture_rows(panels, style.width_mm, least_mm=_LEAST_OF_COLUMN_MM)
-    if MM_PER_INCH * figure.get_figheight() > PAGE_MM and closer != rows:
-        rows, figure = closer, _drawn(panels, style, closer, plots)
-    tall = MM_PER_INCH * figure.get_figheight()
+    plots = list(panels.plots)
     spare = sorted((plot for plot in plots if plot.spare), key=lambda plot: -plot.spare)
-    if tall <= PAGE_MM or not plots:
-        return figure, ()
-    others = tall - sum(_plot_heights(panels, style, plots))
-    for left_out in (spare[:number] for number in range(len(spare) + 1)):
-        few = [plot for plot in plots if plot not in left_out]
-        if others + sum(_plot_heights(panels, style, few, lowest=True)) < PAGE_MM:
-            figure = _drawn(panels, style, rows, few, lowest=True)
-            return figure, tuple(plot.title for plot in left_out)
-    return figure, ()
+    closer = _picture_rows(panels, style.width_mm, least_mm=_LEAST_OF_COLUMN_MM)
+    layouts = [(_picture_rows(panels, style.width_mm), plots, False), (closer, plots, False)]
+    for number in range(len(spare) + 1) if plots else ():
+        layouts.append((closer, [plot for plot in plots if plot not in spare[:number]], True))
+    for rows, few, lowest in layouts:
+        figure = _drawn(panels, style, rows, few, lowest=lowest)
+        if MM_PER_INCH * figure.get_figheight() <= PAGE_MM:
+            return figure, tuple(plot.title for plot in spare if plot not in few)
+    return _drawn(panels, style, closer, plots), ()
 
 
 def panels_figure(panels: PaperPanels, head: str, *, picture_mm: float = 80.0) -> Figure:
@@ -597,7 +586,8 @@ def _draw_pictures(
             words = (kind.name if len(panels.kinds) > 1 else "", panels.labels[k])
             marked = any(not line.get_clip_on() for line in axes.lines)  # above the picture too
             title = fold(f"{next(letters)} {', '.join(filter(None, words))}", room)
-            axes.set_title(title, loc="left", pad=_MARK_PT if marked else None)
+            pad = 1.2 * PAPER_PT if marked else None  # a line's room for the marks
+            axes.set_title(title, loc="left", pad=pad)
             axes.set_anchor("N")
     add_scale_bar(shown[0][0])
     _outer_labels(shown)
@@ -613,7 +603,11 @@ def _draw_pictures(
                 pad=0.02,
                 panchor=False,
                 fraction=0.12,  # of the pictures' height, of which it takes what its shape needs
-                aspect=0.8 * width_mm / cols * len(last) / _BAR_MM,
+                aspect=0.8
+                * width_mm
+                / cols
+                * len(last)
+                / (0.5 * PAPER_LINE_MM),  # half as high as a line of letters
             )
             bar.set_label(fold(kind.bar, room * len(last)))
     return shown
@@ -671,7 +665,7 @@ def _fit_numbers(axes: Axes, room_mm: float) -> None:
     axes.set_xlabel(fold(axes.get_xlabel(), room_mm - _LETTER_MM * names))
 
     if isinstance(axes.xaxis.get_major_locator(), AutoLocator):
-        axes.locator_params(axis="x", nbins=max(2, min(int((room_mm - 25.0) / _TICK_MM), 6)))
+        axes.locator_params(axis="x", nbins=max(2, min(int((room_mm - 25.0) / _AROUND_MM), 6)))
     legend = axes.get_legend()
     for name in legend.get_texts() if legend else ():
         name.set_text(fold(name.get_text(), 0.6 * (room_mm - _AROUND_MM)))
