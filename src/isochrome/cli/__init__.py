@@ -105,10 +105,7 @@ def command(
             outcome = function(**values)
             out = values["out"] if writes else Path()
             files = write_extras(outcome.result, outcome.extras or out)
-            if as_json:
-                _print_json(outcome, out, files)
-            else:
-                _print_for_people(outcome, out, files)
+            _print(outcome, out, files, as_json)
             if outcome.failure is not None:
                 why, code = outcome.failure
                 if why:
@@ -125,21 +122,19 @@ def command(
     return add
 
 
-def _print_json(outcome: Finished, out: Path, files: Sequence[str]) -> None:
-    """One JSON object: a result with its places, or plain values."""
-    if isinstance(outcome.result, dict):
-        print_json(outcome.result)
-    else:
-        places = {"out": out, "into": outcome.into and outcome.into[1], "figures": files}
-        print_json({n: place for n, place in places.items() if place} | outcome.result.to_json())
-
-
-def _print_for_people(outcome: Finished, out: Path, files: Sequence[str]) -> None:
-    """What `show` prints, its warnings and its places."""
-    outcome.show(outcome.result)
+def _print(outcome: Finished, out: Path, files: Sequence[str], as_json: bool) -> None:
+    """One JSON object, of a result with its places; or what `show` prints, warnings and places."""
+    result = outcome.result
+    if as_json:
+        into = outcome.into and outcome.into[1]
+        places = {"out": out, "into": into, "figures": files}
+        named = {name: place for name, place in places.items() if place}
+        print_json(result if isinstance(result, dict) else named | result.to_json())
+        return
+    outcome.show(result)
     if not outcome.shows_all:
-        print_warnings(list(outcome.result.warnings))
-        done = getattr(outcome.result, "already", False)  # an earlier run had left it all
+        print_warnings(list(result.warnings))
+        done = getattr(result, "already", False)  # an earlier run had left it all
         again = " (complete already; --restart computes them anew)" if done else ""
         also = "; {} set in {}".format(*outcome.into) if outcome.into else ""
         typer.echo(f"results: {out}{again}{also}")

@@ -186,15 +186,17 @@ def curve_columns(axes: Axes) -> dict[str, Array]:
     """
     columns: dict[str, Array] = {}
     last: Array | None = None
-    across = " ".join(axes.get_xlabel().split()) or "x"
     drawn: list[list[Array]] = []
-    for name, up, x, values in _all_curves(axes):
+    others = [one for one in axes.get_shared_x_axes().get_siblings(axes) if one is not axes]
+    for scale, (name, x, values) in ((s, curve) for s in (axes, *others) for curve in _curves(s)):
         curve = [x, *values.values()]
         if any(len(curve) == len(old) and all(map(_same, curve, old)) for old in drawn):
             continue  # a line with a band, and its points with bars
         drawn.append(curve)
+        place, up = _plain(axes.get_xlabel()) or "x", _plain(scale.get_ylabel()) or "y"
+        if x.dtype.kind != "f":  # bars beside their names
+            place, up = "input", place
         if last is None or not _same(last, x):
-            place = across if x.dtype.kind == "f" else "input"
             place = f"{name}: {place}" if place in columns and name else place
             columns[_free(columns, place)] = last = x
         for ending, column in values.items():
@@ -204,16 +206,6 @@ def curve_columns(axes: Axes) -> dict[str, Array]:
         blank = np.nan if column.dtype.kind == "f" else ""
         columns[name] = np.concatenate([column, np.full(longest - len(column), blank)])
     return columns
-
-
-def _all_curves(axes: Axes) -> Iterator[tuple[str, str, Array, dict[str, Array]]]:
-    """Curves of Axes and of those over them with a second scale: name, quantity, x, values."""
-    others = [one for one in axes.get_shared_x_axes().get_siblings(axes) if one is not axes]
-    for scale in (axes, *others):
-        bars = any(x.dtype.kind != "f" for _, x, _ in _curves(scale))
-        label = scale.get_xlabel() if bars else scale.get_ylabel()
-        for name, x, values in _curves(scale):
-            yield name, " ".join(label.split()) or "y", x, values
 
 
 def _curves(axes: Axes) -> Iterator[tuple[str, Array, dict[str, Array]]]:
@@ -235,7 +227,8 @@ def _curves(axes: Axes) -> Iterator[tuple[str, Array, dict[str, Array]]]:
         if line in held or line.get_transform() != axes.transData or not len(x):
             continue
         values = {"": y}
-        same = [band for band in bands if _colour(band) == to_rgb(line.get_color())]
+        colour = [*to_rgb(line.get_color())]
+        same = [b for b in bands if np.ravel(b.get_facecolor())[:3].tolist() == colour]
         bands = [band for band in bands if band not in same]
         for band in same:
             ends, names = _band(band), ENVELOPE if _name(band) == ENVELOPE else "low, high"
@@ -269,11 +262,6 @@ def _bars(axes: Axes, bars: Any) -> Iterator[tuple[str, Array, dict[str, Array]]
         yield "", np.array(names)[::-1], {"": widths[::-1]}
 
 
-def _colour(band: Any) -> tuple[float, ...] | None:
-    colours = np.atleast_2d(band.get_facecolor())
-    return tuple(colours[0, :3].tolist()) if colours.size else None
-
-
 def _band(band: Any) -> dict[float, tuple[float, float]]:
     """Lower and upper end of a band at each of its x."""
     result: dict[float, tuple[float, float]] = {}
@@ -287,7 +275,12 @@ def _band(band: Any) -> dict[float, tuple[float, float]]:
 def _name(artist: Any) -> str:
     """What a legend calls it, or would; empty where it has no name."""
     label = str(artist.get_label()).removeprefix(_DATA_ONLY)
-    return "" if label.startswith("_") else " ".join(label.split())
+    return "" if label.startswith("_") else _plain(label)
+
+
+def _plain(text: str) -> str:
+    """A text in one line."""
+    return " ".join(text.split())
 
 
 def _same(one: Array, other: Array) -> bool:
