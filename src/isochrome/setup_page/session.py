@@ -2,8 +2,8 @@
 
 The model's fringes while a slider moves: a little less exact than a fit's, and much faster.
 
-The mean over a pixel's area and the last digits of a worn contact are left out: some hundredths of
-the full light, which no eye sees. What is fitted, checked and simulated is never this picture.
+The mean over a pixel's area is left out: some hundredths of the full light, which no eye sees. What
+is fitted, checked and simulated is never this picture.
 
 A calibration set that is set up on its images: what the page does otherwise than for a scene.
 
@@ -146,13 +146,6 @@ def round_by_spread(value: float, spread: float) -> float:
     return float(np.round(value, max(0, 2 - int(np.floor(np.log10(spread))))))
 
 
-_TOLERANCE = 3e-3
-"""Of a worn contact: a thousandth of a fringe, at a third of the time."""
-
-_ROOM = 1.8
-"""Window on the surface over what the scene's own load needs: enough for three times the load."""
-
-
 class LiveModel:
     """A scene's fringes on the pixels (rows, cols) of its region, as values move.
 
@@ -171,7 +164,7 @@ class LiveModel:
 
     def _start(self, scene: Scene) -> None:
         """Choose the nodes on the surface: they stay as values move."""
-        self._base = with_numerics(scene, room=_ROOM, tolerance=_TOLERANCE)
+        self._base = with_numerics(scene)
         self._renderers: dict[tuple[int, int], SceneRenderer] = {}
 
     def signal(self, values: Mapping[str, float]) -> NDArray[np.floating]:

@@ -276,9 +276,6 @@ def _form(work: RenderWork, name: str) -> tuple[tuple[int, ...], np.dtype[Any]]:
     return (steps, *size, *colours), stored_type(camera.bit_depth).newbyteorder("<")
 
 
-_SHOWN_VALUES = ("p_max_mpa", "contact_width_mm", "wear_depth_um", "worn_area_mm2", "n_max")
-
-
 @dataclass(frozen=True, repr=False, kw_only=True)
 class Simulation(Result):
     """A simulated scene.
@@ -348,7 +345,7 @@ class Simulation(Result):
 
     def main_values(self) -> Iterator[tuple[str, str]]:
         """The contact's and the fringes' largest values over the states."""
-        for name in _SHOWN_VALUES:
+        for name, *_ in _QUANTITIES:
             if name in self.history:
                 yield name, over_items(self.history[name], items="states")
 
