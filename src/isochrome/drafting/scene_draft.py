@@ -123,14 +123,9 @@ def written_draft(
     and what is open of all that and of the recording.
     """
     turn = next((value.value for value in fitted if value.key == TURN), given.rotate_deg)
-    shape = given.shape
-    values = [DraftValue("specimen.shape", shape, "given")] * (shape in STATED_SHAPES)
-    values += [
-        DraftValue(QUANTITIES[name].key, value, "given", note=QUANTITIES[name].unit)
-        for name in NEEDED[shape] or NEEDED_BESIDE
-        if (value := getattr(given, name)) is not None
-    ]
-    values += [*file_values(reader, given, turned=turn in (90, 270)), *fitted]
+    values = [
+        *given_values(given), *file_values(reader, given, turned=turn in (90, 270)), *fitted
+    ]  # fmt: skip
     # a frame may tell what was given, or what its file has, otherwise
     values = list({value.key: value for value in values}.values())
     present = {value.key for value in values}
@@ -395,6 +390,17 @@ def frame_of(reader: FrameReader, index: int, given: KnownValues) -> Frame:
     if reader.dtype.kind == "f" and given.bit_depth is None and float(np.nanmax(frame.image)) > 1.0:
         raise InputError("holds_fractions_up_full", name=frame.name, nanmax=np.nanmax(frame.image))
     return frame
+
+
+def given_values(given: KnownValues) -> list[DraftValue]:
+    """The shape, and what was given of what it needs."""
+    shape = given.shape
+    values = [DraftValue("specimen.shape", shape, "given")] * (shape in STATED_SHAPES)
+    for name in NEEDED[shape] or NEEDED_BESIDE:
+        if (value := getattr(given, name)) is not None:
+            one = QUANTITIES[name]
+            values.append(DraftValue(one.key, value, "given", note=one.unit))
+    return values
 
 
 def file_values(reader: FrameReader, given: KnownValues, *, turned: bool) -> list[DraftValue]:

@@ -187,15 +187,11 @@ def curve_columns(axes: Axes) -> dict[str, Array]:
     columns: dict[str, Array] = {}
     last: Array | None = None
     drawn: list[list[Array]] = []
-    others = [one for one in axes.get_shared_x_axes().get_siblings(axes) if one is not axes]
-    for scale, (name, x, values) in ((s, curve) for s in (axes, *others) for curve in _curves(s)):
+    for name, place, up, x, values in _all_curves(axes):
         curve = [x, *values.values()]
         if any(len(curve) == len(old) and all(map(_same, curve, old)) for old in drawn):
             continue  # a line with a band, and its points with bars
         drawn.append(curve)
-        place, up = _plain(axes.get_xlabel()) or "x", _plain(scale.get_ylabel()) or "y"
-        if x.dtype.kind != "f":  # bars beside their names
-            place, up = "input", place
         if last is None or not _same(last, x):
             place = f"{name}: {place}" if place in columns and name else place
             columns[_free(columns, place)] = last = x
@@ -206,6 +202,19 @@ def curve_columns(axes: Axes) -> dict[str, Array]:
         blank = np.nan if column.dtype.kind == "f" else ""
         columns[name] = np.concatenate([column, np.full(longest - len(column), blank)])
     return columns
+
+
+def _all_curves(axes: Axes) -> Iterator[tuple[str, str, str, Array, dict[str, Array]]]:
+    """Curves of Axes and of those over them with a second scale: name, what is across and up, x,
+    values.
+    """
+    across = _plain(axes.get_xlabel()) or "x"
+    others = [one for one in axes.get_shared_x_axes().get_siblings(axes) if one is not axes]
+    for scale in (axes, *others):
+        up = _plain(scale.get_ylabel()) or "y"
+        for name, x, values in _curves(scale):  # bars stand beside their names
+            place, quantity = (across, up) if x.dtype.kind == "f" else ("input", across)
+            yield name, place, quantity, x, values
 
 
 def _curves(axes: Axes) -> Iterator[tuple[str, Array, dict[str, Array]]]:
@@ -226,15 +235,11 @@ def _curves(axes: Axes) -> Iterator[tuple[str, Array, dict[str, Array]]]:
         x, y = _points(line)
         if line in held or line.get_transform() != axes.transData or not len(x):
             continue
-        values = {"": y}
-        colour = [*to_rgb(line.get_color())]
-        same = [b for b in bands if np.ravel(b.get_facecolor())[:3].tolist() == colour]
+        same = [b for b in bands if _colour(b) == [*to_rgb(line.get_color())]]
         bands = [band for band in bands if band not in same]
+        values = {"": y}
         for band in same:
-            ends, names = _band(band), ENVELOPE if _name(band) == ENVELOPE else "low, high"
-            for k, ending in enumerate(names.split(", ")):
-                column = [ends.get(at, (np.nan, np.nan))[k] for at in x.tolist()]
-                values[f" {ending}"] = np.array(column)
+            values |= _ends(band, x)
         yield _name(line), x, values
 
 
@@ -262,14 +267,21 @@ def _bars(axes: Axes, bars: Any) -> Iterator[tuple[str, Array, dict[str, Array]]
         yield "", np.array(names)[::-1], {"": widths[::-1]}
 
 
-def _band(band: Any) -> dict[float, tuple[float, float]]:
-    """Lower and upper end of a band at each of its x."""
-    result: dict[float, tuple[float, float]] = {}
+def _colour(band: Any) -> list[float]:
+    """The colour of a band; of an empty one, none."""
+    return list(np.ravel(band.get_facecolor())[:3].tolist())
+
+
+def _ends(band: Any, x: Array) -> dict[str, Array]:
+    """Lower and upper end of a band at places."""
+    ends: dict[float, tuple[float, float]] = {}
     for path in band.get_paths():
-        for x, y in path.vertices.tolist():
-            low, high = result.get(x, (y, y))
-            result[x] = min(low, y), max(high, y)
-    return result
+        for at, y in path.vertices.tolist():
+            low, high = ends.get(at, (y, y))
+            ends[at] = min(low, y), max(high, y)
+    columns = np.array([ends.get(at, (np.nan, np.nan)) for at in x.tolist()])
+    names = ENVELOPE if _name(band) == ENVELOPE else "low, high"
+    return {f" {name}": columns[:, k] for k, name in enumerate(names.split(", "))}
 
 
 def _name(artist: Any) -> str:
