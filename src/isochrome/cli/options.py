@@ -229,7 +229,8 @@ def parameters(
     return [*(one for one in given if one.kind is kind), *place, *options, as_json]
 
 
-_MM = {"": 1.0, "mm": 1.0, "cm": 10.0, "in": 25.4}
+_MM = {"cm": 10.0, "in": 25.4}
+"""Of units of a width that are not mm."""
 
 
 def take_extras(options: dict[str, Any]) -> Callable[[Any, Path], list[str]]:
@@ -264,7 +265,7 @@ def take_style(options: dict[str, Any]) -> FigureStyle | None:
         match = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*(mm|cm|in|)\s*", given["width"])
         if match is None:
             raise InputError("width_give_width_unit", width=given["width"])
-        known["width_mm"] = float(match.group(1)) * _MM[match.group(2)]
+        known["width_mm"] = float(match.group(1)) * _MM.get(match.group(2), 1.0)
     if given["shown"] is not None:
         if not re.fullmatch(r"\s*\d+\s*(,\s*\d+\s*)*", given["shown"]):
             raise InputError("frames_give_whole_numbers", shown=given["shown"])

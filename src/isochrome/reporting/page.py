@@ -88,7 +88,7 @@ FINE_STEP, STEP = 0.001, 0.01
 ROOM_BYTES = 8_000_000
 """Text for the run's own figure and all frames, of the 10 MB that a report has at most."""
 
-_LARGEST = 65_000
+_LARGEST = np.iinfo(np.uint16).max
 """Steps that 16 bits hold; orders hundreds of fringes above the smallest are given as not known."""
 
 _LEAST_BYTES = 0.4

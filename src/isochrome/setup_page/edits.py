@@ -146,9 +146,6 @@ def plain_values(text: str) -> dict[str, Any]:
 _OF_A_MODEL = ("indenter", "contact", "friction", "wear", "scar", "load", "frames.known_loads_n")
 """Tables and keys that make a scene one of a model."""
 
-_NOUGHT = (False, 0, "")
-"""What is as good as nothing said: the scene's own default."""
-
 
 def new_scene_text(kind: str, values: Mapping[str, Any], no_load: Mapping[str, str]) -> str:
     """A scene or set as TOML from the page's form, each line commented with its unit or meaning.
@@ -160,7 +157,8 @@ def new_scene_text(kind: str, values: Mapping[str, Any], no_load: Mapping[str, s
     if kind not in kinds:
         raise InputError("what_stands_front_camera", kind=kind, kinds=", ".join(kinds))
     fields = [field for field in FIELDS if kind in field.kinds]
-    given = {f.key: values.get(f.key) for f in fields if values.get(f.key) not in (None, *_NOUGHT)}
+    # what is false or nought is as good as nothing said: the scene's own default
+    given = {field.key: value for field in fields if (value := values.get(field.key))}
     missing = [field.label for field in fields if field.needed and field.key not in given]
     if missing:
         what = ("scene", "set")[kind in SET_KINDS]
