@@ -591,7 +591,7 @@ def _draw_pictures(
             words = (kind.name if len(panels.kinds) > 1 else "", panels.labels[k])
             marked = any(not line.get_clip_on() for line in axes.lines)  # above the picture too
             title = fold(f"{next(letters)} {', '.join(filter(None, words))}", room)
-            pad = 1.2 * PAPER_PT if marked else None  # a line's room for the marks
+            pad = 1.25 * PAPER_PT if marked else None  # a line's room for the marks
             axes.set_title(title, loc="left", pad=pad)
             axes.set_anchor("N")
     add_scale_bar(shown[0][0])
@@ -608,11 +608,7 @@ def _draw_pictures(
                 pad=0.02,
                 panchor=False,
                 fraction=0.12,  # of the pictures' height, of which it takes what its shape needs
-                aspect=0.8
-                * width_mm
-                / cols
-                * len(last)
-                / (0.5 * PAPER_LINE_MM),  # half as high as a line of letters
+                aspect=0.5 * width_mm / cols * len(last),  # 1.6 mm high, 0.8 of its pictures wide
             )
             bar.set_label(fold(kind.bar, room * len(last)))
     return shown
