@@ -3,7 +3,6 @@
 import json
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from pathlib import Path
 from time import monotonic
 from typing import Any
 
@@ -137,46 +136,6 @@ def print_json(values: Any) -> None:
     typer.echo(json.dumps(plain(values), allow_nan=False))
 
 
-def print_result(
-    result: Any,
-    out: Path,
-    as_json: bool,
-    show: Callable[[Any], None],
-    figures: Sequence[str] = (),
-    *,
-    into: Path | None = None,
-    what: str = "value",
-) -> None:
-    """A command's result: one JSON object, or what `show` prints, its warnings and its place.
-
-    `figures`, the files of one for a paper; `what` of it was set `into` a scene.
-    """
-    if as_json:
-        print_result_json(result, out, figures, into=into)
-        return
-    show(result)
-    print_warnings(list(result.warnings))
-    done = getattr(result, "already", False)  # an earlier run had left it all
-    again = " (complete already; --restart computes them anew)" if done else ""
-    also = "" if into is None else f"; {what} set in {into}"
-    typer.echo(f"results: {out}{again}{also}")
-    print_figures(figures)
-
-
-def print_result_json(
-    result: Any, out: Path, figures: Sequence[str], *, into: Path | None = None
-) -> None:
-    """A command's result, and its places, as one JSON object."""
-    places = {"out": out, "into": into, "figures": figures}
-    print_json({name: place for name, place in places.items() if place} | result.to_json())
-
-
-def print_figures(files: Sequence[str]) -> None:
-    """The files of a figure for a paper, where there is one."""
-    if files:
-        typer.echo(f"figure for a paper: {', '.join(files)}")
-
-
 def print_summary(result: Any) -> None:
     """What thousands of frames come to, as a table and as a sentence."""
     from isochrome.output import to_last_digit, with_uncertainty
@@ -210,18 +169,12 @@ def print_warnings(warnings: list[str]) -> None:
         typer.echo(f"warning: {line}", err=True)
 
 
-def print_calibration(result: Any) -> None:
-    """A fringe value with its uncertainty and goodness."""
-    from isochrome.output import with_uncertainty
-
-    value, spread = result.fringe_value_n_per_mm, result.standard_uncertainty
-    typer.echo(f"fringe_value_n_per_mm = {with_uncertainty(value, spread)} (standard uncertainty)")
-    typer.echo(f"chi = {result.chi:.3f}")
-    if result.order_at_zero_load is not None:
-        typer.echo(f"order at zero load = {round(result.order_at_zero_load, 3) + 0.0:.3f} fringes")
-    if result.residual is not None:
-        form, size = result.residual["form"], result.residual["largest_order"]
-        typer.echo(f"residual stress: {form}, up to {size:.3f} fringes")
+def print_values(result: Any) -> None:
+    """The main values of a result, and what was taken as exact."""
+    for name, value in result.main_values():
+        typer.echo(f"{name} = {value}")
+    for key in getattr(result, "taken_as_exact", ()):
+        typer.echo(f"taken as exact: {key}")
 
 
 def print_fit(result: Any) -> None:

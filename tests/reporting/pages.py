@@ -10,17 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
+from isochrome.figures import values_plots
 from isochrome.messages import message
 from isochrome.output import FrameValues
-from isochrome.reporting import (
-    FRINGES,
-    SIGNAL,
-    Pane,
-    ReportContent,
-    ReportFrame,
-    ReportTable,
-    curves_of,
-)
+from isochrome.reporting import FRINGES, SIGNAL, Pane, ReportContent, ReportFrame, ReportTable
 
 ROWS, COLS, PIXEL, LEFT, TOP = 90, 160, 0.02, -1.5, 0.25
 
@@ -80,7 +73,7 @@ def made_content(names: tuple[str, ...] = ("static", "31 m")) -> ReportContent:
     return ReportContent(
         command="process", title=" ".join(some), verdict=" ".join(some),
         frames=[made_frame(number, label) for number, label in enumerate(some[:8])],
-        choice="All frames are shown.", curves=curves_of(made_values()),
+        choice="All frames are shown.", curves=values_plots(made_values()),
         budget=ReportTable(some[0], {some[-1]: some}),
         tables=[ReportTable("by frame", dict.fromkeys(some, some))], causes=some,
         taken_as_exact=some,

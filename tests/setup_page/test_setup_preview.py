@@ -140,10 +140,12 @@ def test_what_is_no_point_is_refused(bench):
     for wrong in (
         asked([{"row": "a", "col": 1, "order": 0}]), asked([{}]), asked(at=(1,)), {"at": [1, 2]},
         asked(lines=[{"points": [1, 2], "order": 1}]), asked(at=("x", 1)), asked(at=(1, None)),
-        asked([POINT | {"row": float("inf")}]), asked([POINT | {"order": float("nan")}]),
+        asked([POINT | {"row": float("inf")}]), asked([POINT | {"col": float("nan")}]),
     ):  # fmt: skip
         with pytest.raises(InputError):
             preview.answer(0, wrong)
+    found = preview.answer(0, asked([POINT | {"order": float("nan")}]))  # as a click would say
+    assert found["kind"] == "nothing" and "order" in found["words"]
 
 
 def words_at(own, row, col):

@@ -103,7 +103,7 @@ def test_a_window_far_from_the_contact_is_searched_too():
 def test_a_pixel_grid_means_its_outer_edges():
     nodes, p = hertz_nodes(201)
     pixels = PixelGrid(rows=30, cols=40, left_mm=-0.4, top_mm=-0.1, pixel_mm=0.02)
-    assert largest_shear(nodes, p, 0.3 * p, within=pixels) == largest_shear(
+    assert largest_shear(nodes, p, 0.3 * p, within=pixels.window) == largest_shear(
         nodes, p, 0.3 * p, within=(-0.4, -0.4 + 40 * 0.02, -0.1, -0.1 + 30 * 0.02)
     )
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import inspect
 import shlex
 import sys
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -20,29 +23,24 @@ from isochrome.cli.options import (
     Commands,
     FramesArgument,
     Join,
-    Json,
     Options,
-    Out,
     SceneArgument,
     SceneOption,
     SetArgument,
     examples_of,
     fail,
+    parameters,
     take_extras,
-    with_options,
 )
 from isochrome.console import (
     campaign_bar,
-    print_calibration,
     print_columns,
-    print_figures,
     print_fit,
     print_json,
     print_markdown,
-    print_result,
-    print_result_json,
     print_rows,
     print_summary,
+    print_values,
     print_warnings,
     run_bar,
     steps,
@@ -64,6 +62,84 @@ app = typer.Typer(
 )
 STOPPED = 130
 """Exit code after Ctrl-C, as shells have it."""
+
+calibrate_app = typer.Typer(
+    help="Calibrate the material fringe value, a colour table, the camera's scale, or the wear.",
+    no_args_is_help=True,
+    add_completion=False,
+)
+app.add_typer(calibrate_app, name="calibrate")
+
+
+@dataclass(frozen=True)
+class Finished:
+    """What a command has done: a Result that it left in its folder, or a dict, printed as JSON."""
+
+    result: Any
+    show: Callable[[Any], None]  # prints it for people
+    # prints its warnings and its place too; else these follow
+    shows_all: bool = False
+    failure: tuple[str, int] | None = None  # what of it is missing, and the exit code
+    extras: Path | None = None  # folder of a figure for a paper, where it is not the results'
+    into: tuple[str, Path] | None = None  # what of it was set in which scene
+
+
+def command(
+    name: str, *tables: Options, text: str | None = None
+) -> Callable[[Callable[..., Finished]], Callable[..., Finished]]:
+    """Add the command of a function: its own arguments, --out, the options of tables, --json.
+
+    It computes; what it gives is printed here, and what else was asked for is left beside it.
+    """
+    group, _, word = name.rpartition(" ")
+
+    def add(function: Callable[..., Finished]) -> Callable[..., Finished]:
+        given = inspect.signature(function, eval_str=True).parameters
+        writes = "out" in given and given["out"].kind is inspect.Parameter.KEYWORD_ONLY
+        folder = Path(f"isochrome-{name.split()[0]}") if writes else None
+
+        def run(*, as_json: bool, **values: Any) -> None:
+            write_extras = take_extras(values)
+            if "as_json" in given:
+                values["as_json"] = as_json
+            outcome = function(**values)
+            out = values["out"] if writes else Path()
+            files = write_extras(outcome.result, outcome.extras or out)
+            _print(outcome, out, files, as_json)
+            if outcome.failure is not None:
+                why, code = outcome.failure
+                if why:
+                    typer.echo(f"isochrome: {why}", err=True)
+                raise typer.Exit(code)
+
+        signature = inspect.Signature(parameters(given.values(), folder, tables))
+        run.__signature__ = signature  # type: ignore[attr-defined]
+        words = text or inspect.getdoc(function)
+        add_to = calibrate_app if group else app
+        add_to.command(word, help=words, epilog=examples_of(name))(run)
+        return function
+
+    return add
+
+
+def _print(outcome: Finished, out: Path, files: Sequence[str], as_json: bool) -> None:
+    """One JSON object, of a result with its places; or what `show` prints, warnings and places."""
+    result = outcome.result
+    if as_json:
+        into = outcome.into and outcome.into[1]
+        places = {"out": out, "into": into, "figures": files}
+        named = {name: place for name, place in places.items() if place}
+        print_json(result if isinstance(result, dict) else named | result.to_json())
+        return
+    outcome.show(result)
+    if not outcome.shows_all:
+        print_warnings(list(result.warnings))
+        done = getattr(result, "already", False)  # an earlier run had left it all
+        again = " (complete already; --restart computes them anew)" if done else ""
+        also = "; {} set in {}".format(*outcome.into) if outcome.into else ""
+        typer.echo(f"results: {out}{again}{also}")
+    if files:
+        typer.echo(f"figure for a paper: {', '.join(files)}")
 
 
 _SHOWN = ("frame", "label", "chi", "kept_share", "n_max", "n_max_from", "order_uncertainty",
@@ -88,16 +164,10 @@ KNOWN: Options = {
 """What is known: type and option of each, by the name that KnownValues has."""
 
 
-@app.command("init", epilog=examples_of("init"))
-@with_options(KNOWN)
+@command("init", KNOWN)
 def init_command(
-    frames: FramesArgument,
-    join: Join = False,
-    out: Out = Path("isochrome-init"),
-    *,
-    as_json: Json = False,
-    **options: Any,
-) -> None:
+    frames: FramesArgument, join: Join = False, *, out: Path, as_json: bool, **options: Any
+) -> Finished:
     """Write a commented scene from frames: place, load, friction, field, gamma and turn are found.
 
     What nobody can see in a frame is asked for on a terminal, or given as an option.
@@ -112,31 +182,22 @@ def init_command(
             names = drafting.open_questions(reader, drafting.known_values(known))
         for name in names:
             known[name] = typer.prompt(drafting.QUANTITIES[name].question, type=float, err=True)
+
+    def show(draft: Any) -> None:
+        print_values(draft)
+        for key in draft.open:
+            typer.echo(f"to fill in: {key.key}: {key.hint}")
+        typer.echo("look at scene.png, fill in scene.toml; isochrome check says whether both fit")
+
     with steps(quiet=True) as say:
         say("looking for the specimen in the frames")
-        draft = drafting.init(recording, known, out, replace=replace)
-    print_result(draft, out, as_json, _print_draft)
+        return Finished(drafting.init(recording, known, out, replace=replace), show)
 
 
-def _print_draft(draft: Any) -> None:
-    """What was found, what is open, and what to do next."""
-    _print_values(draft)
-    for key in draft.open:
-        typer.echo(f"to fill in: {key.key}: {key.hint}")
-    typer.echo("look at scene.png, fill in scene.toml; isochrome check says whether both fit")
-
-
-@app.command("process", epilog=examples_of("process"))
-@with_options(PROCESS)
+@command("process", PROCESS)
 def process_command(
-    frames: FramesArgument,
-    scene: SceneOption,
-    out: Out = Path("isochrome-process"),
-    join: Join = False,
-    *,
-    as_json: Json = False,
-    **options: Any,
-) -> None:
+    frames: FramesArgument, scene: SceneOption, join: Join = False, *, out: Path, **options: Any
+) -> Finished:
     """Find the fringe order of every captured frame; run the same command again to resume.
 
     Several videos or TIFF stacks are a campaign: each is a recording with a folder of its own in
@@ -144,28 +205,18 @@ def process_command(
     """
     from isochrome.frames import recordings_of
 
-    write_extras = take_extras(options)
     recordings = recordings_of(frames, join=join)
     if len(recordings) > 1:
-        _process_campaign(recordings, scene, out, options, as_json, write_extras)
-        return
+        return _process_campaign(recordings, scene, out, options)
     from isochrome.processing import process as run
 
     with run_bar("processing") as progress:
         result = run(recordings[0], scene, out, progress=progress, **options)
-    print_result(result, out, as_json, _print_processed, write_extras(result, out))
-    if result.failed:
-        _end(
-            f"{frames[0]}: {result.failed} of {len(result.columns['frame'])} frames "
-            f"could not be processed, as their warnings say; the others are in {out}",
-            2,
-        )
-
-
-def _end(why: str, code: int) -> NoReturn:
-    """End a command that has printed its result, of which something is missing."""
-    typer.echo(f"isochrome: {why}", err=True)
-    raise typer.Exit(code)
+    missing = (
+        f"{frames[0]}: {result.failed} of {len(result.columns['frame'])} frames "
+        f"could not be processed, as their warnings say; the others are in {out}"
+    )
+    return Finished(result, _print_processed, failure=(missing, 2) if result.failed else None)
 
 
 def _print_processed(result: Processed) -> None:
@@ -183,46 +234,33 @@ def _print_processed(result: Processed) -> None:
 
 
 def _process_campaign(
-    recordings: tuple[FramesPath, ...],
-    scene: str,
-    out: Path,
-    options: dict[str, Any],
-    as_json: bool,
-    write_extras: Callable[[Any, Path], list[str]],
-) -> None:
+    recordings: tuple[FramesPath, ...], scene: str, out: Path, options: dict[str, Any]
+) -> Finished:
     """Many recordings, each into a folder of its own."""
     from isochrome.campaigns import process_campaign
 
     with campaign_bar() as progress:
         result = process_campaign(recordings, scene, out, progress=progress, **options)
-    figures = write_extras(result, out)
-    table = result.columns
-    if as_json:
-        print_result_json(result, out, figures)
-    else:
+    summary = out / "summary.csv"
+
+    def show(result: Any) -> None:
+        table = result.columns
         print_columns(table, [name for name in _SHOWN_OF_CAMPAIGN if name in table])
         for name, error in zip(table["recording"], table["error"], strict=True):
             if error:
                 named = error if error.startswith(name) else f"{name}: {error}"
                 typer.echo(f"failed: {named}", err=True)
-        typer.echo(f"results: {out}; table of all: {out / 'summary.csv'}")
-        print_figures(figures)
-    if result.exit_code:
-        some = ", ".join(result.failed[:5])
-        more = f" and {len(result.failed) - 5} more" if len(result.failed) > 5 else ""
-        _end(
-            f"{len(result.failed)} of {len(recordings)} recordings could not be wholly "
-            f"processed ({some}{more}), as {out / 'summary.csv'} says; the others are in {out}",
-            result.exit_code,
-        )
+        typer.echo(f"results: {out}; table of all: {summary}")
 
+    some = ", ".join(result.failed[:5])
+    more = f" and {len(result.failed) - 5} more" if len(result.failed) > 5 else ""
+    missing = (
+        f"{len(result.failed)} of {len(recordings)} recordings could not be wholly "
+        f"processed ({some}{more}), as {summary} says; the others are in {out}"
+    )
+    failure = (missing, result.exit_code) if result.exit_code else None
+    return Finished(result, show, shows_all=True, failure=failure)
 
-calibrate_app = typer.Typer(
-    help="Calibrate the material fringe value, a colour table, the camera's scale, or the wear.",
-    no_args_is_help=True,
-    add_completion=False,
-)
-app.add_typer(calibrate_app, name="calibrate")
 
 INTO: Options = {"into": (Path | None, "Scene file (TOML) to set the value in.")}
 
@@ -238,21 +276,30 @@ SCALE: Options = INTO | {
 """What a scale is taken from: type and option of each, by the name that the function takes."""
 
 
-def _add_calibration(what: str, text: str, show: Callable[[Any], None], given: Options) -> None:
-    """Add the command that calibrates by a set: its help, and the options that it has of its
-    own.
-    """
+def _calibrate(
+    what: str,
+    show: Callable[[Any], None],
+    source: SetArgument,
+    *,
+    out: Path,
+    into: Path | None = None,
+    **options: Any,
+) -> Finished:
+    """Calibrate, and leave the result in `out` and its values in a scene."""
+    from isochrome import calibration
 
-    @calibrate_app.command(what, help=text, epilog=examples_of(f"calibrate {what}"))
-    @with_options(given | FIGURE | TABLES)
-    def command(
-        settings: SetArgument,
-        out: Out = Path("isochrome-calibrate"),
-        *,
-        as_json: Json = False,
-        **options: Any,
-    ) -> None:
-        _calibrate(what, settings, out, as_json, options, show)
+    given: Any = source  # of a scale its images
+    with steps(quiet=True) as say:
+        say("calibrating")
+        if into is not None:
+            calibration.check_scene_file(into)  # before the work, not after it
+        result = getattr(calibration, f"calibrate_{what}")(given, **options)
+        calibration.save_calibration(result, out, source=given)
+        if into is not None:
+            first = given[0] if isinstance(given, list) else given
+            calibration.write_into_scene(result, into, source=first)
+    values = "values" if what == "scale" else "value"
+    return Finished(result, show, into=(values, into) if into else None)
 
 
 def _print_colours(result: Any) -> None:
@@ -262,92 +309,44 @@ def _print_colours(result: Any) -> None:
     typer.echo(f"residual = {result.residual:.3f} of full light")
 
 
-_add_calibration(
-    "bending", "Calibrate from images of a beam in four-point bending.", print_calibration, INTO
-)
-_add_calibration(
-    "disc", "Calibrate from images of a disc under diametral compression.", print_calibration, INTO
-)
-_add_calibration(
-    "colour", "Calibrate a colour table, from a beam's images or from any images' own colours.",
-    _print_colours, {},
-)  # fmt: skip
+for what, text, show, given in (
+    ("bending", "Calibrate from images of a beam in four-point bending.", print_values, INTO),
+    ("disc", "Calibrate from images of a disc under diametral compression.", print_values,
+     INTO),
+    ("colour", "Calibrate a colour table, from a beam's images or from any images' own colours.",
+     _print_colours, {}),
+    ("wear", "Calibrate the wear coefficient from traces over worn scars, or from worn volumes.",
+     print_values, INTO),
+):  # fmt: skip
+    command(f"calibrate {what}", given, FIGURE, TABLES, text=text)(partial(_calibrate, what, show))
 
 
-@calibrate_app.command("scale", epilog=examples_of("calibrate scale"))
-@with_options(SCALE | FIGURE | TABLES)
+@command("calibrate scale", SCALE, FIGURE, TABLES)
 def scale_command(
     images: Annotated[
         list[str],
         typer.Argument(metavar="IMAGE...", help="Pictures of a target or two edges, of one size."),
     ],
-    out: Out = Path("isochrome-calibrate"),
     *,
-    as_json: Json = False,
-    **options: Any,
-) -> None:
-    """Find mm a pixel and the lens, from a chessboard, dots or two edges a known distance apart."""
-    _calibrate("scale", images, out, as_json, options, _print_values)
-
-
-def _print_values(result: Any) -> None:
-    """The main values of a result, and what was taken as exact."""
-    for name, value in result.main_values():
-        typer.echo(f"{name} = {value}")
-    for key in getattr(result, "taken_as_exact", ()):
-        typer.echo(f"taken as exact: {key}")
-
-
-_add_calibration(
-    "wear",
-    "Calibrate the wear coefficient from traces over worn scars, or from worn volumes.",
-    _print_values,
-    INTO,
-)
-
-
-def _calibrate(
-    what: str,
-    source: str | list[str],
     out: Path,
-    as_json: bool,
-    options: dict[str, Any],
-    show: Callable[[Any], None],
-) -> None:
-    """Calibrate from a `source`, leave the result in `out` and its values in a scene, and tell it.
-
-    The options that are not of a calibration itself are taken out.
-    """
-    from isochrome import calibration
-
-    write_extras, into = take_extras(options), options.pop("into", None)
-    with steps(quiet=True) as say:
-        say("calibrating")
-        if into is not None:
-            calibration.check_scene_file(into)  # before the work, not after it
-        result = getattr(calibration, f"calibrate_{what}")(source, **options)
-        calibration.save_calibration(result, out, source=source)
-        if into is not None:
-            first = source[0] if isinstance(source, list) else source
-            calibration.write_into_scene(result, into, source=first)
-        files = write_extras(result, out)
-    values = "values" if what == "scale" else "value"
-    print_result(result, out, as_json, show, files, into=into, what=values)
+    **options: Any,
+) -> Finished:
+    """Find mm a pixel and the lens, from a chessboard, dots or two edges a known distance apart."""
+    sources: Any = images
+    return _calibrate("scale", print_values, sources, out=out, **options)
 
 
-@app.command("sweep", epilog=examples_of("sweep"))
-@with_options(RUN)
+@command("sweep", RUN)
 def sweep_command(
     scene: SceneArgument,
     vary: Annotated[
         list[str],
         typer.Option("--vary", help="KEY=first:last:number, or KEY=value,value; repeatable."),
     ],
-    out: Out = Path("isochrome-sweep"),
     *,
-    as_json: Json = False,
+    out: Path,
     **options: Any,
-) -> None:
+) -> Finished:
     """Simulate a scene over a grid of values into one dataset.
 
     Run the same command again to resume.
@@ -357,42 +356,43 @@ def sweep_command(
 
     with run_bar("sweeping", "points") as progress:
         result = run(scene, vary, out, progress=progress, **options)
-    if as_json:
-        print_result_json(result, out, ())
-    else:
-        print_warnings(list(result.reasons))
+
+    def show(result: Any) -> None:
+        print_warnings(list(result.warnings))
         for key in dict.fromkeys(text.partition("=")[0].strip() for text in vary):
             values = ", ".join(f"{value:g}" for value in dict.fromkeys(result.columns[key]))
             typer.echo(f"{key} = {values}")
         typer.echo(f"{counted(result.points, 'point')}; results: {out}")
-    if result.failed:
-        _end(
-            f"{result.failed} of {result.points} points were refused by their physics, "
-            f"as sweep.csv says; the others are in {out}",
-            3,
-        )
+
+    missing = (
+        f"{result.failed} of {result.points} points were refused by their physics, "
+        f"as sweep.csv says; the others are in {out}"
+    )
+    failure = (missing, 3) if result.failed else None
+    return Finished(result, show, shows_all=True, failure=failure)
 
 
-@app.command("export", epilog=examples_of("export"))
+def _plain(values: dict[str, Any], *lines: Any) -> Finished:
+    """Values that are no result, and the lines that say them."""
+    return Finished(values, lambda _: typer.echo("\n".join(map(str, lines))), shows_all=True)
+
+
+@command("export")
 def export_command(
     run: Annotated[str, typer.Argument(help="Result folder of process or sweep.")],
     to: Annotated[str, typer.Option("--to", help="netcdf (MATLAB), tiff (ImageJ), csv or excel.")],
     out: Annotated[
         Path | None, typer.Option("--out", help="Folder for the files; by default the run's own.")
     ] = None,
-    as_json: Json = False,
-) -> None:
+) -> Finished:
     """Write a run's results for MATLAB, ImageJ or a spreadsheet."""
     from isochrome.runs import export as write
 
     files = [str(file) for file in write(run, to, out)]
-    if as_json:
-        print_json({"files": files})
-    for file in () if as_json else files:
-        typer.echo(file)
+    return _plain({"files": files}, *files)
 
 
-@app.command("report", epilog=examples_of("report"))
+@command("report")
 def report_command(
     run: Annotated[
         str, typer.Argument(metavar="FOLDER", help="What process, fit, simulate or calibrate left.")
@@ -400,40 +400,35 @@ def report_command(
     out: Annotated[
         Path | None, typer.Option("--out", help="Folder for report.html; by default the run's own.")
     ] = None,
-    as_json: Json = False,
-) -> None:
+) -> Finished:
     """Write a run's report: one HTML file that opens offline on any machine."""
     from isochrome.folder_report import report as write
 
-    file = write(run, out)
-    if as_json:
-        print_json({"report": str(file)})
-    else:
-        typer.echo(file)
+    file = str(write(run, out))
+    return _plain({"report": file}, file)
 
 
-@app.command("verify", epilog=examples_of("verify"))
+@command("verify")
 def verify_command(
     folder: Annotated[
         str, typer.Argument(metavar="FOLDER", help="What a command left; of a campaign all of it.")
     ],
-    as_json: Json = False,
-) -> None:
+) -> Finished:
     """Read all files of a results folder and say which are not what was left there."""
     from isochrome.runs import verify
 
     with run_bar("reading", "files") as progress:
         result = verify(folder, progress=progress)
-    if as_json:
-        print_json(result.to_json())
-    else:
+
+    def show(_: Any) -> None:
         for name, fault in result.damaged.items():
             typer.echo(f"{name}: {fault}")
         print_warnings(list(result.warnings))
         typer.echo(result.title)
-    if not result.ok:
-        again = "run the command that left it again, which makes anew what is damaged"
-        _end(f"{result.title}; {again}", 2)
+
+    again = "run the command that left it again, which makes anew what is damaged"
+    failure = None if result.ok else (f"{result.title}; {again}", 2)
+    return Finished(result.to_json(), show, shows_all=True, failure=failure)
 
 
 def _show_version(wanted: bool) -> None:
@@ -456,74 +451,56 @@ def _before_all(
     """What may stand before a command."""
 
 
-@app.command("guide", epilog=examples_of("guide"))
+@command("guide")
 def guide_command(
     topic: Annotated[
         str | None, typer.Argument(metavar="TOPIC", help="The page; without it, the list of all.")
     ] = None,
-    as_json: Json = False,
-) -> None:
+) -> Finished:
     """Show a page of the guide, or the list of its pages."""
     from isochrome.guide import guide_page
 
     text = guide_page(topic)
-    if as_json:
-        print_json({"topic": topic, "markdown": text})
-    else:
-        print_markdown(text)
+    return Finished({"topic": topic, "markdown": text}, lambda _: print_markdown(text), True)
 
 
-@app.command("demo", epilog=examples_of("demo"))
-@with_options(FIGURE)
-def demo_command(
-    out: Out = Path("isochrome-demo"), *, as_json: Json = False, **options: Any
-) -> None:
+@command("demo", FIGURE)
+def demo_command(*, out: Path, as_json: bool, **_: Any) -> Finished:
     """Run the paper's case and the sample images end to end, offline, in under a minute.
 
     A figure for a paper is that of the comparison.
     """
     from isochrome.demonstration import demo as run
 
-    write_extras = take_extras(options)
     with steps(as_json) as say:
         result = run(out, progress=say)
-    figures = write_extras(result, result.folder / "comparison")
-    if as_json:
-        print_json(result.to_json() | ({"figures": figures} if figures else {}))
-        return
-    print_rows(("quantity", "found", "expected"), result.rows)
-    typer.echo(f"experiment beside simulation: {result.folder / 'comparison' / 'comparison.png'}")
-    print_figures(figures)
+    compared = result.folder / "comparison"
+
+    def show(result: Any) -> None:
+        print_rows(("quantity", "found", "expected"), result.rows)
+        typer.echo(f"experiment beside simulation: {compared / 'comparison.png'}")
+
+    return Finished(result, show, shows_all=True, extras=compared)
 
 
 COMPONENTS: Options = {"components": (bool, "Also the principal stresses, apart, in MPa.")}
 
 
-@app.command("simulate", epilog=examples_of("simulate"))
-@with_options(COMPONENTS | RUN | FIGURE | TABLES)
-def simulate_command(
-    scene: SceneArgument,
-    out: Out = Path("isochrome-simulate"),
-    *,
-    as_json: Json = False,
-    **options: Any,
-) -> None:
+@command("simulate", COMPONENTS, RUN, FIGURE, TABLES)
+def simulate_command(scene: SceneArgument, *, out: Path, **options: Any) -> Finished:
     """Simulate a scene: contact, wear, stress, and the frames that the camera would see."""
     from isochrome.simulation import simulate as run
 
-    write_extras = take_extras(options)
     with run_bar("simulating", "states") as progress:
         result = run(scene, out, progress=progress, **options)
-    figures = write_extras(result, out)
     names = ["label", "p_max_mpa", "contact_width_mm", "wear_depth_um", "n_max", "n_max_x_mm",
              "n_max_z_mm"]  # fmt: skip
     if options["components"]:
         names += ["shear_max_mpa", "shear_max_x_mm", "shear_max_z_mm"]
-    print_result(result, out, as_json, lambda one: print_columns(one.history, names), figures)
+    return Finished(result, lambda found: print_columns(found.history, names))
 
 
-@app.command("compare", epilog=examples_of("compare"))
-@with_options(FIGURE | TABLES)
+@command("compare", FIGURE, TABLES)
 def compare_command(
     experiment: Annotated[
         str,
@@ -532,22 +509,17 @@ def compare_command(
         ),
     ],
     simulation: Annotated[str, typer.Argument(help="Result folder of simulate, or frames.")],
-    out: Out = Path("isochrome-compare"),
     *,
-    as_json: Json = False,
-    **options: Any,
-) -> None:
+    out: Path,
+    **_: Any,
+) -> Finished:
     """Compare experiment and simulation, frames or scars: metrics and the side-by-side figure."""
     from isochrome.comparison import compare as run
 
-    write_extras = take_extras(options)
     with steps(quiet=True) as say:
         say("comparing")
         result = run(experiment, simulation, out)
-        files = write_extras(result, out)
-    print_result(
-        result, out, as_json, lambda found: print_columns(found.columns, found.main_columns), files
-    )
+    return Finished(result, lambda found: print_columns(found.columns, found.main_columns))
 
 
 FIT: Options = {
@@ -560,25 +532,17 @@ FIT: Options = {
 """What is fitted, and how frames are gone through."""
 
 
-@app.command("fit", epilog=examples_of("fit"))
-@with_options(RUN | TABLES | {"as_stated": AS_STATED})
-@with_options(FIT, before="out")
+@command("fit", FIT, RUN, TABLES, {"as_stated": AS_STATED})
 def fit_command(
-    frames: FramesArgument,
-    scene: SceneOption,
-    join: Join = False,
-    out: Out = Path("isochrome-fit"),
-    *,
-    as_json: Json = False,
-    **options: Any,
-) -> None:
+    frames: FramesArgument, scene: SceneOption, join: Join = False, *, out: Path, **options: Any
+) -> Finished:
     """Fit unknowns of the scene, such as load.normal_n; run the same command again to resume."""
     from isochrome.fitting import fit as run
     from isochrome.fitting import refuse_shared
     from isochrome.fitting import track as follow_keys
     from isochrome.frames import one_recording
 
-    recording, write_extras = one_recording(frames, join=join), take_extras(options)
+    recording = one_recording(frames, join=join)
     free, keys, follow, track, tractions = (options.pop(name) for name in FIT)
     result: Any
     with run_bar("tracking" if track else "fitting") as progress:
@@ -589,14 +553,13 @@ def fit_command(
         else:
             options |= {"per_frame": tuple(keys or ()), "follow": follow, "tractions": tractions}
             result = run(recording, scene, free or [], **options)
-    write_extras(result, out)
-    print_result(result, out, as_json, print_summary if track else print_fit)
+    return Finished(result, print_summary if track else print_fit)
 
 
-@app.command("check", epilog=examples_of("check"))
+@command("check")
 def check_command(
-    frames: FramesArgument, scene: SceneOption, join: Join = False, as_json: Json = False
-) -> None:
+    frames: FramesArgument, scene: SceneOption, join: Join = False, *, as_json: bool
+) -> Finished:
     """Say in plain words what is wrong with frames, before a long run."""
     from isochrome.frames import recordings_of
     from isochrome.output import counted
@@ -607,7 +570,7 @@ def check_command(
     reports = []
     for recording in recordings:
         result = check(recording, described)
-        reports.append(result.to_json())
+        reports.append({"recording": str(recording)} | result.to_json())
         if as_json:
             continue
         if len(recordings) > 1:
@@ -617,13 +580,11 @@ def check_command(
         verdict = "no error found" if result.ok else "errors found; see above"
         typer.echo(f"{counted(result.count, 'frame')} read: {verdict}")
     ok = all(one["ok"] for one in reports)
-    if as_json and len(reports) == 1:
-        print_json(reports[0])
-    elif as_json:
-        named = [{"recording": str(r)} | one for r, one in zip(recordings, reports, strict=True)]
-        print_json({"ok": ok, "recordings": named})
-    if not ok:
-        raise typer.Exit(2)
+    values: dict[str, Any] = {"ok": ok, "recordings": reports}
+    if len(reports) == 1:
+        (values,) = reports
+        del values["recording"]
+    return Finished(values, lambda _: None, shows_all=True, failure=None if ok else ("", 2))
 
 
 SETUP: Options = {
@@ -636,8 +597,7 @@ SETUP: Options = {
 """What is set up."""
 
 
-@app.command("setup", epilog=examples_of("setup"))
-@with_options(SETUP, before="join")
+@command("setup", SETUP)
 def setup_command(
     frames: FramesArgument,
     join: Join = False,
@@ -647,9 +607,8 @@ def setup_command(
     port: Annotated[
         int, typer.Option("--port", min=0, max=65535, help="Port; by default a free one.")
     ] = 0,
-    as_json: Json = False,
     **options: Any,
-) -> None:
+) -> Finished:
     """Set up a scene or a calibration set on a page in the browser of this machine alone.
 
     In place of the frames a calibration set's file names its images.
@@ -663,13 +622,12 @@ def setup_command(
     is_set = len(frames) == 1 and frames[0].lower().endswith(".toml")
     recording = frames[0] if is_set else one_recording(frames, join=join)
     saved = run(recording, browser=browser, port=port, announce=announce, **options)
-    if as_json:
-        print_json({"scene": None if saved is None else str(saved)})
-    else:
-        typer.echo("nothing was saved" if saved is None else f"saved: {saved}")
+    if saved is None:
+        return _plain({"scene": None}, "nothing was saved")
+    return _plain({"scene": str(saved)}, f"saved: {saved}")
 
 
-@app.command("bench", epilog=examples_of("bench"))
+@command("bench")
 def bench_command(
     suite: Annotated[
         str,
@@ -678,15 +636,16 @@ def bench_command(
             "tolerance."
         ),
     ] = "speed",
-    out: Out = Path("isochrome-bench"),
-    as_json: Json = False,
-) -> None:
+    *,
+    out: Path,
+    as_json: bool,
+) -> Finished:
     """Measure speed against error, side by side with the paper's own procedure."""
     from isochrome.benchmarks import bench as run
 
     with steps(as_json) as say:
         result = run(out, suite=suite, progress=say)
-    print_result(result, out, as_json, lambda found: typer.echo(found.text))
+    return Finished(result, lambda found: typer.echo(found.text))
 
 
 def main() -> None:

@@ -12,11 +12,11 @@ import json
 import re
 import sys
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NoReturn, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 from typer.core import TyperGroup
@@ -129,8 +129,6 @@ def fail(text: str, code: int) -> NoReturn:
     sys.exit(code)
 
 
-Command = TypeVar("Command", bound=Callable[..., None])
-
 Options = dict[str, tuple[Any, ...]]
 """Type, help and, where it is not made of the name, option of each argument by its name."""
 
@@ -206,35 +204,33 @@ PROCESS: Options = {
 """What `process` takes besides its frames and scene, in the order of its help."""
 
 
-def with_options(options: Options, *, before: str = "as_json") -> Callable[[Command], Command]:
-    """Give a command the options of a table, in front of one of its own: its `**options` takes
-    them.
+def parameters(
+    given: Iterable[inspect.Parameter], out: Path | None, tables: Iterable[Options]
+) -> list[inspect.Parameter]:
+    """What a command takes: a function's own arguments, the folder, the tables' options, --json.
 
     A flag is off and all else is None where it is not given.
     """
-
-    def declare(command: Command) -> Command:
-        given = inspect.signature(command, eval_str=True)
-        declared = [p for p in given.parameters.values() if p.kind is not p.VAR_KEYWORD]
-        place = [p.name for p in declared].index(before)
-        declared[place:place] = [
-            inspect.Parameter(
-                name,
-                declared[place].kind,
-                default=False if kind is bool else None,
-                annotation=Annotated[
-                    kind, typer.Option(*(spelt or [f"--{name.replace('_', '-')}"]), help=text)
-                ],
-            )
-            for name, (kind, text, *spelt) in options.items()
-        ]
-        command.__signature__ = given.replace(parameters=declared)  # type: ignore[attr-defined]
-        return command
-
-    return declare
+    kind = inspect.Parameter.POSITIONAL_OR_KEYWORD
+    place = [] if out is None else [inspect.Parameter("out", kind, default=out, annotation=Out)]
+    options = [
+        inspect.Parameter(
+            name,
+            kind,
+            default=False if of is bool else None,
+            annotation=Annotated[
+                of, typer.Option(*(spelt or [f"--{name.replace('_', '-')}"]), help=text)
+            ],
+        )
+        for table in tables
+        for name, (of, text, *spelt) in table.items()
+    ]
+    as_json = inspect.Parameter("as_json", kind, default=False, annotation=Json)
+    return [*(one for one in given if one.kind is kind), *place, *options, as_json]
 
 
-_MM = {"": 1.0, "mm": 1.0, "cm": 10.0, "in": 25.4}
+_MM = {"cm": 10.0, "in": 25.4}
+"""Of units of a width that are not mm."""
 
 
 def take_extras(options: dict[str, Any]) -> Callable[[Any, Path], list[str]]:
@@ -269,7 +265,7 @@ def take_style(options: dict[str, Any]) -> FigureStyle | None:
         match = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*(mm|cm|in|)\s*", given["width"])
         if match is None:
             raise InputError("width_give_width_unit", width=given["width"])
-        known["width_mm"] = float(match.group(1)) * _MM[match.group(2)]
+        known["width_mm"] = float(match.group(1)) * _MM.get(match.group(2), 1.0)
     if given["shown"] is not None:
         if not re.fullmatch(r"\s*\d+\s*(,\s*\d+\s*)*", given["shown"]):
             raise InputError("frames_give_whole_numbers", shown=given["shown"])

@@ -31,7 +31,7 @@ import numpy as np
 from scipy.linalg import lapack
 
 from isochrome.contact.pressure import Floats
-from isochrome.contact.sliding_history import OutputState, SlidingHistory
+from isochrome.contact.sliding_history import SAME, OutputState, SlidingHistory
 from isochrome.errors import PhysicsError
 
 _BACK, _AHEAD = 3, 1
@@ -279,9 +279,9 @@ _SHORTEST, _NEARLY, _ANEW = 1e-9, 1e-3, 1e-6
 """Shortest step over the dose: what errs in it is far below any tolerance. Its forecast's error at
 which load or friction nearly jump within it, and one Newton step no longer holds. First step beyond
 a kink: shorter ones feel rounding, which shrinks them further (measured: 6000 of them, to 1e-9)."""
-_STILL, SAME = 4e-6, 1e-12
+_STILL = 4e-6
 """First half-widths by which an edge may draw back before its trail counts: where an edge nearly
-stands still the steps must not decide. Doses that are one: rounding."""
+stands still the steps must not decide."""
 
 
 @dataclass(frozen=True)

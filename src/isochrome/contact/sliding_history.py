@@ -27,9 +27,9 @@ _LEGENDRE = np.polynomial.Legendre.basis(8)
 _INNER = np.real(_LEGENDRE.deriv().roots())
 _INNER_WEIGHTS = 2.0 / (72.0 * _LEGENDRE(_INNER) ** 2)
 """Gauss-Lobatto's rule, as exact as Gauss's by other nodes, of which these lie inside."""
-_SAME_STEP_DOSE, _ROUNDING = 1e-12, 1e-14
-"""Largest difference of a stretch's dose by the two rules: this share of the whole dose, and the
-second of what the largest rate makes over the whole distance, for the distances' own rounding."""
+SAME, _ROUNDING = 1e-12, 1e-14
+"""Relative difference of values, such as doses, that are one: rounding of a whole run, and of one
+number."""
 _STRAIGHT, _STRAIGHTEST = 1e-3, 1e-9
 """Largest error of the linear interpolation in the dose, over the largest value: this share of the
 wear's tolerance, and no less than the second. A long measured table would else need millions of
@@ -80,7 +80,7 @@ def _resolved(rate: Rate, s: Floats) -> Floats:
         ends = (b - a) / 72.0 * (rate(a) + rate(b))  # at the ends exactly: beyond may be a jump
         other = ends + integral(rate, a, b, nodes=_INNER, weights=_INNER_WEIGHTS)
         largest = float(np.max(dose / (b - a), initial=0.0))
-        bent = np.abs(other - dose) > _SAME_STEP_DOSE * dose.sum() + _ROUNDING * largest * s[-1]
+        bent = np.abs(other - dose) > SAME * dose.sum() + _ROUNDING * largest * s[-1]
         if not bent.any():
             break
         s = np.union1d(s, (0.5 * (a + b))[bent])
@@ -127,17 +127,13 @@ Value = TypeVar("Value", float, Floats)
 
 _SAME_DRIVE = 1e-6
 """Relative difference of load or friction at one dose that is no jump."""
-_SAME_DOSE = 1e-14
-"""Relative difference of doses that is rounding: a step to a jump must not end beyond it."""
-_NO_DRIVE = 1e-12
-"""Friction that is none: rounding, where it changes its sign."""
 
 
 def same_drive(one: tuple[float, float], other: tuple[float, float]) -> bool:
-    """Whether two pairs of line load and mu are the same, to 1e-6 of each."""
-    return all(
-        abs(a - b) <= _NO_DRIVE + _SAME_DRIVE * abs(b) for a, b in zip(one, other, strict=True)
-    )
+    """Whether two pairs of line load and mu are the same, to 1e-6 of each; friction that changes
+    its sign is none within rounding.
+    """
+    return all(abs(a - b) <= SAME + _SAME_DRIVE * abs(b) for a, b in zip(one, other, strict=True))
 
 
 @dataclass(frozen=True)
@@ -184,8 +180,8 @@ class SlidingHistory:
 
     def _at(self, dose: float, side: Literal["left", "right"]) -> tuple[float, float]:
         doses = self.dose_mm_per_mpa
-        near = _next(self._exact, dose * (1.0 - _SAME_DOSE))
-        dose = near if near <= dose * (1.0 + _SAME_DOSE) else dose
+        near = _next(self._exact, dose * (1.0 - _ROUNDING))
+        dose = near if near <= dose * (1.0 + _ROUNDING) else dose
         i = int(np.searchsorted(doses, dose, side=side))
         if i == 0 or i == len(doses):
             i = min(i, len(doses) - 1)

@@ -13,7 +13,8 @@ from isochrome.errors import PhysicsError
 from isochrome.scene import UNDOUBTED_MM, Scene
 
 STEEPEST = 0.3
-"""Largest half-width over radius: beyond it, the parabola is over 2 % off the cylinder's arc."""
+"""Largest half-width over radius, beyond which the parabola is over 2 % off the cylinder's arc; and
+largest scar over the contact's half-width, beyond which the worn surface is no half-plane's."""
 
 _MAX_NODES = 32_768
 _NODES_IN_HALF_WIDTH = 350

@@ -39,7 +39,6 @@ from isochrome.contact.pressure import (
 )
 from isochrome.contact.scar import (
     SAFETY,
-    SAME,
     SHRINK,
     Scar,
     angle_of,
@@ -50,6 +49,7 @@ from isochrome.contact.scar import (
     unresolved,
 )
 from isochrome.contact.sliding_history import (
+    SAME,
     OutputState,
     SlidingHistory,
     paused_doses,
@@ -57,6 +57,7 @@ from isochrome.contact.sliding_history import (
     wear_course,
 )
 from isochrome.contact.state import (
+    STEEPEST,
     ContactGrid,
     SurfaceState,
     contact_grid,
@@ -98,25 +99,6 @@ class WornState:
 
 
 @dataclass(frozen=True)
-class _Allowed:
-    """Largest errors of a step: its contact's residual, and its forecast's in the displacement and
-    in the largest pressure."""
-
-    residual: float
-    displacement: float
-    peak: float
-
-
-def _allowed(tolerance: float, share: float) -> _Allowed:
-    """What a tolerance of the pressure allows, and a share of it in the displacement."""
-    return _Allowed(
-        residual=_ACCURACY * tolerance,
-        displacement=share * min(_FORECAST * tolerance, _LARGEST_FORECAST),
-        peak=min(_PEAK_FORECAST * tolerance, _LARGEST_PEAK_FORECAST),
-    )
-
-
-@dataclass(frozen=True)
 class _Past:
     """What the formula remembers: the last depth and pressure, and the step that led from them."""
 
@@ -146,7 +128,7 @@ def wear_history(
     contact = solve_pressure(surface, gap_mm + depth, load, friction=mu, tolerance=1e-10)
     now = WornState(dose, contact, depth)
     past: _Past | None = None
-    allowed = _allowed(tolerance, 1.0 if history.steady else _CHANGING)
+    share = 1.0 if history.steady else _CHANGING
     scale = (gap_mm[contact.pressure > 0.0].max() - gap_mm.min()) / contact.pressure.max()
     relaxing, careful = float(surface.lattice_normal[-1]), _CAREFUL * tolerance**0.5
     near = _Near(relaxing, careful, paused_doses(history, stops))
@@ -156,13 +138,13 @@ def wear_history(
         while stop.dose_mm_per_mpa - now.dose_mm_per_mpa > SAME * stop.dose_mm_per_mpa:
             size, target = _size(history, now.dose_mm_per_mpa, stop, step, near)
             load, mu = history.at(target)
-            new, error = _advance(surface, gap_mm, load, now, past, size, mu, allowed)
-            factor = SAFETY / max(error, 1e-300) ** 0.5
-            if error > 1.0 and size > SAME * stop.dose_mm_per_mpa:
-                step = size * max(SHRINK, factor)
+            shortest = SAME * stop.dose_mm_per_mpa
+            new, step = _advance(
+                surface, gap_mm, (load, mu), now, past, size, tolerance, share, shortest
+            )
+            if new is None:
                 continue
             past = _Past(now.depth_mm, now.contact.pressure, size)
-            step = size * min(_GROW, max(SHRINK, factor))
             now = replace(new, dose_mm_per_mpa=target)
             after = history.leaving(target)
             if stop.dose_mm_per_mpa > target and not same_drive(after, (load, mu)):
@@ -217,14 +199,20 @@ def _settled(
 def _advance(
     surface: Surface,
     gap: Floats,
-    load: float,
+    drive: tuple[float, float],
     now: WornState,
     past: _Past | None,
     size: float,
-    friction: float,
-    allowed: _Allowed,
-) -> tuple[WornState, float]:
-    """One implicit step, and its forecast's error over what is allowed."""
+    tolerance: float,
+    share: float,
+    shortest: float,
+) -> tuple[WornState | None, float]:
+    """One implicit step, None where its forecast errs too much, and the next step's size.
+
+    A step of the `shortest` size is taken whatever it errs; `share` of what the tolerance of the
+    pressure allows in the displacement.
+    """
+    load, friction = drive
     if past is None:
         base, diagonal, forecast = now.depth_mm, size, now.contact.pressure
     else:
@@ -234,23 +222,23 @@ def _advance(
         forecast = now.contact.pressure + w * (now.contact.pressure - past.pressure)
     contact = solve_pressure(
         surface, gap + base, load, friction=friction, wear_mm_per_mpa=diagonal,
-        start=np.maximum(forecast, 0.0), tolerance=allowed.residual,
+        start=np.maximum(forecast, 0.0), tolerance=_ACCURACY * tolerance,
     )  # fmt: skip
-    error = _forecast_error(surface, now.contact.pressure, contact.pressure, forecast, allowed)
-    depth = base + diagonal * contact.pressure
-    return WornState(now.dose_mm_per_mpa + size, contact, depth), error
-
-
-def _forecast_error(
-    surface: Surface, before: Floats, pressure: Floats, forecast: Floats, allowed: _Allowed
-) -> float:
-    """The larger of the forecast's two errors, each over what is allowed."""
+    pressure = contact.pressure
     miss, peak = pressure - forecast, pressure.max()
     u = displacement(surface, np.stack([miss, pressure]), friction=0.0)
-    at = [int(pressure.argmax()), int(before.argmax())]
-    below = np.ptp(u[0]) / np.ptp(u[1]) / allowed.displacement
-    above = np.abs(miss[at]).max() / peak / allowed.peak
-    return float(max(below, above))
+    at = [int(pressure.argmax()), int(now.contact.pressure.argmax())]
+    in_displacement = share * min(_FORECAST * tolerance, _LARGEST_FORECAST)
+    in_peak = min(_PEAK_FORECAST * tolerance, _LARGEST_PEAK_FORECAST)
+    below = np.ptp(u[0]) / np.ptp(u[1]) / in_displacement
+    above = np.abs(miss[at]).max() / peak / in_peak
+    error = float(max(below, above))
+    factor = max(SHRINK, SAFETY / max(error, 1e-300) ** 0.5)
+    if error > 1.0 and size > shortest:
+        return None, size * factor
+    depth = base + diagonal * pressure
+    new = WornState(now.dose_mm_per_mpa + size, contact, depth)
+    return new, size * min(_GROW, factor)
 
 
 _UNWORN = 1e-30
@@ -318,7 +306,6 @@ class GrowingScar:
 
         Steps are chosen as in `wear_history`. PhysicsError where a contact does not converge.
         """
-        allowed = _allowed(tolerance, 1.0)
         past, depth, worn_under = self.before, self.depth_mm, self.pressure_mpa
         pressure = _settled(site.surface, site.gap_mm + depth, self.drive, worn_under).pressure
         if past is not None and worn_under is not None:  # a corrected drive is no jump to follow
@@ -327,18 +314,18 @@ class GrowingScar:
         step, whole = dose_mm_per_mpa, dose_mm_per_mpa * (1.0 - SAME)
         while now.dose_mm_per_mpa < whole:
             step = min(step, dose_mm_per_mpa - now.dose_mm_per_mpa)
-            step = step if past is None else min(step, _GROW * past.step)
-            share = (now.dose_mm_per_mpa + step) / dose_mm_per_mpa
+            size = step if past is None else min(step, _GROW * past.step)
+            share = (now.dose_mm_per_mpa + size) / dose_mm_per_mpa
             load, mu = (a + share * (b - a) for a, b in zip(self.drive, drive, strict=True))
-            new, error = _advance(site.surface, site.gap_mm, load, now, past, step, mu, allowed)
-            factor = max(SHRINK, SAFETY / max(error, 1e-300) ** 0.5)
-            if error > 1.0 and step > SAME * dose_mm_per_mpa:
-                step *= factor
+            new, step = _advance(
+                site.surface, site.gap_mm, (load, mu), now, past, size, tolerance, 1.0,
+                SAME * dose_mm_per_mpa,
+            )  # fmt: skip
+            if new is None:
                 continue
-            past = _Past(now.depth_mm, now.contact.pressure, step)
+            past = _Past(now.depth_mm, now.contact.pressure, size)
             # nothing heals where the edge has just come by
             now = replace(new, depth_mm=np.maximum(new.depth_mm, now.depth_mm))
-            step *= min(_GROW, factor)
         return GrowingScar(now.depth_mm, drive, now.contact.pressure, past)
 
     def on(self, nodes: int) -> GrowingScar:
@@ -555,9 +542,6 @@ FEWEST_NODES = 8
 STRONGEST = 0.12
 """Largest mean pressure over E*: that of a cylinder whose half-width is 0.3 of its radius."""
 
-DEEPEST = 0.3
-"""Largest scar over the contact's half-width: beyond it, the worn surface is no half-plane's."""
-
 _PLACES = 1024
 
 
@@ -583,9 +567,9 @@ def refuse_unfit(scene: Scene, state: SurfaceState) -> None:
             "mean_pressure_would_mpa", name=name, mean=mean, strongest=STRONGEST, modulus=modulus
         )
     half, depth, s = 0.5 * count * h, float(state.wear_depth_mm.max()), state.distance_m
-    if not depth <= DEEPEST * half:
+    if not depth <= STEEPEST * half:
         raise PhysicsError(
-            "scar_would_mm_deep", name=name, distance_m=s, depth=depth, deepest=DEEPEST, half=half
+            "scar_would_mm_deep", name=name, distance_m=s, depth=depth, deepest=STEEPEST, half=half
         )
 
 

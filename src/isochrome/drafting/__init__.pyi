@@ -1,5 +1,5 @@
 from .api import CLEAR_CHI, draft_scene, init
-from .fields import FIELDS, KINDS, OPTIONS, QUANTITIES, SET_KINDS
+from .fields import FIELDS, KINDS, OPTIONS, QUANTITIES, SET_KINDS, STATED_SHAPES
 from .scene_draft import (
     NEEDED,
     DraftValue,
@@ -20,6 +20,7 @@ __all__ = [
     "OPTIONS",
     "QUANTITIES",
     "SET_KINDS",
+    "STATED_SHAPES",
     "DraftValue",
     "KnownValues",
     "OpenKey",

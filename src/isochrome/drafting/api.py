@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise, product
 from pathlib import Path
@@ -27,17 +27,16 @@ from numpy.typing import NDArray
 
 from isochrome.drafting.fields import QUANTITIES
 from isochrome.drafting.scene_draft import (
-    LIGHT,
     NEEDED,
+    NEEDED_BESIDE,
     SCENE_FILE,
+    TURN,
     DraftValue,
     KnownValues,
     OpenKey,
     SceneDraft,
-    file_values,
     frame_of,
     frames_to_look_at,
-    given_values,
     known_values,
     light_tables,
     not_among_frames,
@@ -59,10 +58,10 @@ from isochrome.figures import (
     FRAME_MAP,
     LINE_PT,
     OVERLAY_COLOUR,
-    add_legend,
-    new_figure,
+    PaperPanels,
+    PictureKind,
+    panels_figure,
     show_image,
-    write_head,
 )
 from isochrome.fitting import (
     FRICTION,
@@ -89,12 +88,11 @@ from isochrome.runs import single_threaded
 from isochrome.scene import FramesLike, Scene, check_moduli, check_pixel, load_scene
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.image import AxesImage
 
 Floats = NDArray[np.floating]
-
-_WIDTH_IN, _IN_A_LINE = 6.0, 3
-"""Width of a picture, and values in a line of the head."""
 
 
 def draft_figure(data: FrameData, scene: Scene, values: Sequence[DraftValue]) -> Figure:
@@ -106,40 +104,42 @@ def draft_figure(data: FrameData, scene: Scene, values: Sequence[DraftValue]) ->
     light = model_frame.background + model_frame.illumination * np.nan_to_num(model_frame.signal(1))
     stored = np.maximum(light, 0.0) ** (1.0 / scene.frames.stated_gamma)
     model = np.where(model_frame.picture.material, stored, np.nan)
-    rows, cols = data.shape
-    figure = new_figure(2.0 * _WIDTH_IN, _WIDTH_IN * rows / cols + 0.9)
-    place = model_frame.pixels.scale
-    low, high = (float(v) for v in np.percentile(data.raw, [0.5, 99.5]))
-    panels: Any = figure.subplots(1, 2)
-    for axes, image, title in zip(
-        panels, (data.raw, model), ("the frame", "the scene that was found"), strict=True
-    ):
-        show_image(axes, image, cmap=FRAME_MAP, vmin=low, vmax=high, title=title, **place)
+
+    images = (data.raw, model)
+
+    def drawn(axes: Axes, _: int, *, of: int) -> AxesImage:
+        shown = _in_grey(axes, images[of], like=data.raw, **model_frame.pixels.scale)
         # the surface and the middle of what presses on it, no farther than the picture
         ends = axes.get_xlim(), axes.get_ylim()
-        look: dict[str, Any] = {"color": OVERLAY_COLOUR, "lw": LINE_PT}
-        axes.axhline(0.0, ls="-", label="surface, or top (z = 0)", **look)
-        axes.axvline(0.0, ls=":", label="middle (x = 0)", **look)
+        axes.axhline(0.0, ls="-", color=OVERLAY_COLOUR, lw=LINE_PT)
+        axes.axvline(0.0, ls=":", color=OVERLAY_COLOUR, lw=LINE_PT)
         axes.set(xlim=ends[0], ylim=ends[1])
+        return shown
+
+    kinds = [
+        PictureKind(name=name, draw=partial(drawn, of=k))
+        for k, name in enumerate(("the frame", "the scene that was found"))
+    ]
     # without the place, which the axes show
     texts = [
         f"{value.key} = {value.words}"
         for value in values
         if value.origin == "found" and value.key not in ("camera.left_mm", "camera.top_mm")
     ]
-    lines = (texts[k : k + _IN_A_LINE] for k in range(0, len(texts), _IN_A_LINE))
-    write_head(figure, "\n".join("    ".join(line) for line in lines))
-    add_legend(figure, *panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
-    return figure
+    lines = "Line: surface, or top (z = 0); dotted: middle (x = 0)"
+    return panels_figure(PaperPanels(kinds=kinds, labels=[""]), f"{'    '.join(texts)}\n{lines}")
 
 
 def frame_figure(image: Floats) -> Figure:
     """Draw a frame (rows, cols), of which nothing is known."""
-    rows, cols = image.shape
-    figure = new_figure(_WIDTH_IN, _WIDTH_IN * rows / cols + 0.9)
-    low, high = (float(v) for v in np.nanpercentile(image, [0.5, 99.5]))
-    show_image(figure.subplots(), image, cmap=FRAME_MAP, vmin=low, vmax=high, title="the frame")
-    return figure
+    kind = PictureKind(name="", draw=lambda axes, _: _in_grey(axes, image, like=image))
+    return panels_figure(PaperPanels(kinds=[kind], labels=["the frame"]), "")
+
+
+def _in_grey(axes: Axes, image: Floats, *, like: Floats, **place: Any) -> AxesImage:
+    """Draw an image with the greys of a frame: all but its outermost are told apart."""
+    low, high = (float(v) for v in np.nanpercentile(like, [0.5, 99.5]))
+    return show_image(axes, image, cmap=FRAME_MAP, vmin=low, vmax=high, **place)
 
 
 _FAR, _FEW = 5.0, 0.002
@@ -164,7 +164,7 @@ def has_no_fringes(data: FrameData) -> bool:
 
 
 LOAD, LEFT, TOP = "load.normal_n", "camera.left_mm", "camera.top_mm"
-FIELD, TURN, PIXEL = "polariscope.field", "frames.rotate_deg", "camera.pixel_mm"
+FIELD, PIXEL = "polariscope.field", "camera.pixel_mm"
 
 FOUND = (LOAD, FRICTION, LEFT, TOP)
 
@@ -313,9 +313,7 @@ def draft_contact(frames: FrameReader, given: KnownValues) -> SceneDraft:
     check_moduli(scene)
     check_pixel(scene, frames.shape)
     contact = _first_explained(frames, scene, given)
-    values = given_values(given, NEEDED["contact"][:-1])  # the load is found
-    values += file_values(frames, given, turned=contact.lying.rotate_deg in (90, 270))
-    values += _found_values(contact, given)
+    values = _found_values(contact, given)
     sentences = [
         f"Frame {contact.frame} was looked at: the contact's fringes leave {contact.fit.chi:.2f} "
         "times its noise.",
@@ -352,33 +350,42 @@ def _first_explained(frames: FrameReader, scene: Scene, given: KnownValues) -> C
 def _found_values(contact: ContactFit, given: KnownValues) -> list[DraftValue]:
     """What the frame tells."""
     fit, lying = contact.fit, contact.lying
-    spread = dict(zip(fit.keys, fit.standard_uncertainty.tolist(), strict=True))
-    camera = contact.fit.scene.camera
+    camera = fit.scene.camera
     assert camera is not None and camera.top_mm is not None and camera.pixel_mm is not None
     row = -camera.top_mm / camera.pixel_mm
     place = f"is row {row:.1f}" if row >= 0.0 else f"is {-row:.1f} rows above the picture"
     notes = {
-        "load.normal_n": f"about {given.load_n:g} was given",
+        LOAD: f"about {given.load_n:g} was given",
         FRICTION: _side(contact),
-        "camera.left_mm": "of the first column's outer edge, from the middle of the contact",
-        "camera.top_mm": f"of the first row's outer edge, below the surface, which {place}",
-        GAMMA: "the camera stores light^(1/gamma)",
+        LEFT: "of the first column's outer edge, from the middle of the contact",
+        TOP: f"of the first row's outer edge, below the surface, which {place}",
     }
     for key, names in contact.unsure.items():
         others = " or ".join(names)
         notes[key] = f"the frame asks for it, or for {others}, and cannot tell which"
-    values = []
-    for key in (key for key in dict.fromkeys((*FOUND, GAMMA, *fit.keys)) if key in fit.keys):
-        # a friction that is not seen would state a side
-        value = float(fit.scene.get(key)) if key != FRICTION or _is_seen(contact) else 0.0
-        note = notes.get(key, "the frame asks for it")
-        values.append(DraftValue(key, value, "found", spread[key], note))
-    return [*values, *_lying_values(given, lying.field, lying.rotate_deg)]
+    values = fitted_values(fit, notes, given, lying.field, lying.rotate_deg)
+    if _is_seen(contact):
+        return values
+    # a friction that is not seen would state a side
+    return [replace(one, value=0.0) if one.key == FRICTION else one for one in values]
 
 
-def _lying_values(given: KnownValues, field: str, turn: int) -> list[DraftValue]:
-    """How the picture is taken, where that was found."""
-    values = [DraftValue(FIELD, field, "found")] * (given.field is None)
+def fitted_values(
+    fit: FrameFit, notes: Mapping[str, str], given: KnownValues, field: str, turn: int
+) -> list[DraftValue]:
+    """What a fit tells, each key with its note, and how the picture is taken where that was found.
+
+    A key without a note is one that the frame asks for besides.
+    """
+    spread = dict(zip(fit.keys, fit.standard_uncertainty.tolist(), strict=True))
+    notes = {GAMMA: "the camera stores light^(1/gamma)"} | dict(notes)
+    values = [
+        DraftValue(key, float(fit.scene.get(key)), "found", spread[key],
+                   notes.get(key, "the frame asks for it"))
+        for key in dict.fromkeys((*FOUND, GAMMA, *fit.keys))
+        if key in spread
+    ]  # fmt: skip
+    values += [DraftValue(FIELD, field, "found")] * (given.field is None)
     if given.rotate_deg is None and turn:
         note = "quarter turns, counter-clockwise, after which the load comes from above"
         values.append(DraftValue(TURN, turn, "found", note=note))
@@ -405,10 +412,10 @@ def _side(contact: ContactFit) -> str:
 
 
 _NOTES = {
-    "load.normal_n": "by the fringes",
-    "camera.left_mm": "of the first column's outer edge, from the disc's middle",
-    "camera.top_mm": "of the first row's outer edge, below the disc's top",
-    GAMMA: "the camera stores light^(1/gamma)",
+    LOAD: "by the fringes",
+    LEFT: "of the first column's outer edge, from the disc's middle",
+    TOP: "of the first row's outer edge, below the disc's top",
+    PIXEL: "",
 }
 
 _STANDARD = {
@@ -429,17 +436,12 @@ def draft_disc(frames: FrameReader, given: KnownValues) -> SceneDraft:
     camera = {} if given.pixel_mm is None else {"pixel_mm": given.pixel_mm}
     bare = start_scene(given, specimen={"shape": "disc"}, camera=camera)
     data, fit = _fitted(prepare_frame(frame, bare, bit_depth=frames.bit_depth), bare, given)
-    turned = fit.scene.frames.rotate_deg in (90, 270)
-    values = [DraftValue("specimen.shape", "disc", "given")]
-    values += [
-        *given_values(given, NEEDED["disc"][:-1]),
-        *file_values(frames, given, turned=turned),
-    ]
-    values += _disc_values(fit, given)
+    scene = fit.scene
+    values = fitted_values(fit, _NOTES, given, scene.polariscope.field, scene.frames.rotate_deg)
     leave = f"the disc's fringes leave {fit.chi:.2f} times its noise."
     sentences = [f"Frame {frame.index} was looked at: {leave}"]
     warnings = [] if fit.chi <= POOR_CHI else [message("chi_disc_fringes_leave", chi=fit.chi)]
-    draw = partial(draft_figure, data, fit.scene, values)
+    draw = partial(draft_figure, data, scene, values)
     return written_draft(
         frames, given, frame.index, sentences, values, draw, warnings=warnings, chi=fit.chi
     )
@@ -448,17 +450,12 @@ def draft_disc(frames: FrameReader, given: KnownValues) -> SceneDraft:
 def draft_without_model(frames: FrameReader, given: KnownValues) -> SceneDraft:
     """Draft a scene without a model, whose frames are read from the image alone."""
     frame = frame_of(frames, frames_to_look_at(frames, given)[0], given)
-    values = [DraftValue("specimen.shape", "other", "given")]
-    values += given_values(given, ("thickness_mm", "fringe_value_n_per_mm"))
-    values += file_values(frames, given, turned=given.rotate_deg in (90, 270))
-    present = {value.key for value in values}
-    present |= {key for name, key in LIGHT.items() if getattr(given, name)}
-    quantities = (QUANTITIES[k] for k in ("thickness_mm", "fringe_value_n_per_mm", "pixel_mm"))
+    quantities = (QUANTITIES[k] for k in (*NEEDED_BESIDE, "pixel_mm"))
     hints = {quantity.key: quantity.question for quantity in quantities} | _STANDARD
-    open_keys = [OpenKey(key, hint) for key, hint in hints.items() if key not in present]
+    open_keys = [OpenKey(key, hint) for key, hint in hints.items()]
     sentences = [message("specimen_has_no_model")]
     draw = partial(frame_figure, as_turned(frame.image, given.rotate_deg or 0, given.flip))
-    return written_draft(frames, given, frame.index, sentences, values, draw, open_keys=open_keys)
+    return written_draft(frames, given, frame.index, sentences, (), draw, open_keys=open_keys)
 
 
 def _fitted(data: FrameData, bare: Scene, given: KnownValues) -> tuple[FrameData, FrameFit]:
@@ -473,8 +470,8 @@ def _fitted(data: FrameData, bare: Scene, given: KnownValues) -> tuple[FrameData
     for turn, field in product(turns, fields):
         turned = data.lying(partial(as_turned, rotate_deg=turn, flip=given.flip))
         scene, _ = placed_disc(bare.with_values({FIELD: field, TURN: turn}), turned)
-        given_values = {GAMMA: given.gamma, PIXEL: given.pixel_mm}
-        keys = (*free_keys(scene), *(key for key, value in given_values.items() if value is None))
+        stated = {GAMMA: given.gamma, PIXEL: given.pixel_mm}
+        keys = (*free_keys(scene), *(key for key, value in stated.items() if value is None))
         try:
             fit = fit_frame(turned, scene, keys)
             # so far off that its values say nothing, as `process` has it
@@ -494,16 +491,6 @@ def _fitted(data: FrameData, bare: Scene, given: KnownValues) -> tuple[FrameData
         )
         raise PhysicsError("two_scenes_explain_frame", name=data.name, ways=ways)
     return fits[0]
-
-
-def _disc_values(fit: FrameFit, given: KnownValues) -> list[DraftValue]:
-    """Place, scale, load and gamma by the fringes; turn and field."""
-    values = [
-        DraftValue(key, float(fit.scene.get(key)), "found", float(spread), _NOTES.get(key, ""))
-        for key, spread in zip(fit.keys, fit.standard_uncertainty, strict=True)
-    ]
-    scene = fit.scene
-    return values + _lying_values(given, scene.polariscope.field, scene.frames.rotate_deg)
 
 
 PREVIEW_FILE = "scene.png"

@@ -15,6 +15,9 @@ KINDS: dict[str, str] = _TABLES["kinds"]
 SET_KINDS: dict[str, str] = _TABLES["set_kinds"]
 """What a calibration set may hold, by the page's words."""
 
+STATED_SHAPES = ("disc", "ring", "beam", "other")
+"""Kinds that the scene names in specimen.shape."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class SceneField:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args, get_origin, get_type_h
 
 import numpy as np
 
-from isochrome.drafting.fields import KINDS, OPTIONS, QUANTITIES
+from isochrome.drafting.fields import KINDS, OPTIONS, QUANTITIES, STATED_SHAPES
 from isochrome.errors import InputError
 from isochrome.frames import Channel, Frame, FrameReader, check_scale, likely_no_load, named_files
 from isochrome.messages import warnings_json
@@ -67,6 +67,11 @@ NEEDED = {
 """What cannot be found in the frames, and nothing is found without it."""
 
 
+NEEDED_BESIDE = ("thickness_mm", "fringe_value_n_per_mm")
+"""What a scene without a model states where it is known."""
+
+TURN = "frames.rotate_deg"
+
 WITH_OWN_SCALE = ("disc", "other")
 """Shapes whose frames need no pixel size beforehand."""
 
@@ -105,7 +110,7 @@ def written_draft(
     given: KnownValues,
     frame: int,
     sentences: Sequence[str],
-    values: Sequence[DraftValue],
+    fitted: Sequence[DraftValue],
     draw: Callable[[], Figure],
     *,
     open_keys: Sequence[OpenKey] = (),
@@ -114,14 +119,20 @@ def written_draft(
 ) -> SceneDraft:
     """Write a scene with sentences above it, and read it back; its `frame` was looked at.
 
-    What is known of the light, and what is open of it and of the recording, stands in every scene.
+    It has what was given of it, what the file tells, what was `fitted`, what is known of the light,
+    and what is open of all that and of the recording.
     """
+    turn = next((value.value for value in fitted if value.key == TURN), given.rotate_deg)
+    values = [
+        *given_values(given), *file_values(reader, given, turned=turn in (90, 270)), *fitted
+    ]  # fmt: skip
     # a frame may tell what was given, or what its file has, otherwise
     values = list({value.key: value for value in values}.values())
     present = {value.key for value in values}
     light = ((key, getattr(given, name)) for name, key in LIGHT.items() if key not in present)
-    values = [*values, *(DraftValue(key, v, "given") for key, v in light if v)]
-    open_keys = [*open_keys, *open_of_set(reader, given)]
+    values += [DraftValue(key, v, "given") for key, v in light if v]
+    present = {value.key for value in values}
+    open_keys = [k for k in (*open_keys, *open_of_set(reader, given)) if k.key not in present]
     head = [f"Drafted by isochrome init from {described_set(reader)}", *sentences]
     lines = [(value.key, *_written(value)) for value in values]
     text = scene_text(head, [*lines, *((k.key, "", f"fill in: {k.hint}") for k in open_keys)])
@@ -381,6 +392,17 @@ def frame_of(reader: FrameReader, index: int, given: KnownValues) -> Frame:
     return frame
 
 
+def given_values(given: KnownValues) -> list[DraftValue]:
+    """The shape, and what was given of what it needs."""
+    shape = given.shape
+    values = [DraftValue("specimen.shape", shape, "given")] * (shape in STATED_SHAPES)
+    for name in NEEDED[shape] or NEEDED_BESIDE:
+        if (value := getattr(given, name)) is not None:
+            one = QUANTITIES[name]
+            values.append(DraftValue(one.key, value, "given", note=one.unit))
+    return values
+
+
 def file_values(reader: FrameReader, given: KnownValues, *, turned: bool) -> list[DraftValue]:
     """The camera's size, bits and scale; `turned`: the scene lies a quarter turn otherwise."""
     rows, cols = reader.shape[::-1] if turned else reader.shape
@@ -403,15 +425,6 @@ def light_tables(given: KnownValues) -> dict[str, dict[str, Any]]:
     if given.wavelength_nm is not None:
         light["wavelength_nm"] = given.wavelength_nm
     return {"polariscope": light, "frames": {"gamma": 1.0 if given.gamma is None else given.gamma}}
-
-
-def given_values(given: KnownValues, names: Sequence[str]) -> list[DraftValue]:
-    """What was given of some quantities."""
-    return [
-        DraftValue(quantity.key, value, "given", note=quantity.unit)
-        for quantity, value in ((QUANTITIES[name], getattr(given, name)) for name in names)
-        if value is not None
-    ]
 
 
 def open_of_set(reader: FrameReader, given: KnownValues) -> list[OpenKey]:

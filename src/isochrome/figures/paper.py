@@ -174,6 +174,10 @@ def data_name(words: str) -> str:
     return f"{_DATA_ONLY}{words}"
 
 
+ENVELOPE = "least, most"
+"""Name of a band that holds all values of which a curve has the means."""
+
+
 def curve_columns(axes: Axes) -> dict[str, Array]:
     """The data of the curves of a plot, as columns for a spreadsheet, NaN where one is shorter.
 
@@ -182,15 +186,13 @@ def curve_columns(axes: Axes) -> dict[str, Array]:
     """
     columns: dict[str, Array] = {}
     last: Array | None = None
-    across = " ".join(axes.get_xlabel().split()) or "x"
     drawn: list[list[Array]] = []
-    for name, up, x, values in _all_curves(axes):
+    for name, place, up, x, values in _all_curves(axes):
         curve = [x, *values.values()]
         if any(len(curve) == len(old) and all(map(_same, curve, old)) for old in drawn):
             continue  # a line with a band, and its points with bars
         drawn.append(curve)
         if last is None or not _same(last, x):
-            place = across if x.dtype.kind == "f" else "input"
             place = f"{name}: {place}" if place in columns and name else place
             columns[_free(columns, place)] = last = x
         for ending, column in values.items():
@@ -202,14 +204,17 @@ def curve_columns(axes: Axes) -> dict[str, Array]:
     return columns
 
 
-def _all_curves(axes: Axes) -> Iterator[tuple[str, str, Array, dict[str, Array]]]:
-    """Curves of Axes and of those over them with a second scale: name, quantity, x, values."""
+def _all_curves(axes: Axes) -> Iterator[tuple[str, str, str, Array, dict[str, Array]]]:
+    """Curves of Axes and of those over them with a second scale: name, what is across and up, x,
+    values.
+    """
+    across = _plain(axes.get_xlabel()) or "x"
     others = [one for one in axes.get_shared_x_axes().get_siblings(axes) if one is not axes]
     for scale in (axes, *others):
-        bars = any(x.dtype.kind != "f" for _, x, _ in _curves(scale))
-        label = scale.get_xlabel() if bars else scale.get_ylabel()
-        for name, x, values in _curves(scale):
-            yield name, " ".join(label.split()) or "y", x, values
+        up = _plain(scale.get_ylabel()) or "y"
+        for name, x, values in _curves(scale):  # bars stand beside their names
+            place, quantity = (across, up) if x.dtype.kind == "f" else ("input", across)
+            yield name, place, quantity, x, values
 
 
 def _curves(axes: Axes) -> Iterator[tuple[str, Array, dict[str, Array]]]:
@@ -225,20 +230,16 @@ def _curves(axes: Axes) -> Iterator[tuple[str, Array, dict[str, Array]]]:
             yield from _error_bars(bars)
         elif isinstance(bars, BarContainer):
             yield from _bars(axes, bars)
-    bands = {
-        tuple(np.atleast_2d(band.get_facecolor())[0, :3].tolist()): _band(band)
-        for band in axes.collections
-        if isinstance(band, PolyCollection) and len(band.get_facecolor())
-    }
+    bands = [band for band in axes.collections if isinstance(band, PolyCollection)]
     for line in axes.lines:
         x, y = _points(line)
         if line in held or line.get_transform() != axes.transData or not len(x):
             continue
+        same = [b for b in bands if _colour(b) == [*to_rgb(line.get_color())]]
+        bands = [band for band in bands if band not in same]
         values = {"": y}
-        band = bands.pop(to_rgb(line.get_color()), None)
-        if band is not None and len(x) == len(y):
-            for ending, k in ((" low", 0), (" high", 1)):
-                values[ending] = np.array([band.get(at, (np.nan, np.nan))[k] for at in x.tolist()])
+        for band in same:
+            values |= _ends(band, x)
         yield _name(line), x, values
 
 
@@ -266,20 +267,32 @@ def _bars(axes: Axes, bars: Any) -> Iterator[tuple[str, Array, dict[str, Array]]
         yield "", np.array(names)[::-1], {"": widths[::-1]}
 
 
-def _band(band: Any) -> dict[float, tuple[float, float]]:
-    """Lower and upper end of a band at each of its x."""
-    result: dict[float, tuple[float, float]] = {}
+def _colour(band: Any) -> list[float]:
+    """The colour of a band; of an empty one, none."""
+    return list(np.ravel(band.get_facecolor())[:3].tolist())
+
+
+def _ends(band: Any, x: Array) -> dict[str, Array]:
+    """Lower and upper end of a band at places."""
+    ends: dict[float, tuple[float, float]] = {}
     for path in band.get_paths():
-        for x, y in path.vertices.tolist():
-            low, high = result.get(x, (y, y))
-            result[x] = min(low, y), max(high, y)
-    return result
+        for at, y in path.vertices.tolist():
+            low, high = ends.get(at, (y, y))
+            ends[at] = min(low, y), max(high, y)
+    columns = np.array([ends.get(at, (np.nan, np.nan)) for at in x.tolist()])
+    names = ENVELOPE if _name(band) == ENVELOPE else "low, high"
+    return {f" {name}": columns[:, k] for k, name in enumerate(names.split(", "))}
 
 
 def _name(artist: Any) -> str:
     """What a legend calls it, or would; empty where it has no name."""
     label = str(artist.get_label()).removeprefix(_DATA_ONLY)
-    return "" if label.startswith("_") else " ".join(label.split())
+    return "" if label.startswith("_") else _plain(label)
+
+
+def _plain(text: str) -> str:
+    """A text in one line."""
+    return " ".join(text.split())
 
 
 def _same(one: Array, other: Array) -> bool:
@@ -339,17 +352,11 @@ _COLUMN_MM = 120.0
 _PLOT_MM = 70.0
 """Narrowest plot, with its labels."""
 _AROUND_MM = 14.0
-"""Room of a panel's numbers and labels at the left."""
+"""Room of a panel's numbers and labels at the left, and of a number at a plot's horizontal axis."""
 _SCREEN_MM = 260.0
 """Width of a figure for a screen."""
 _LETTER_MM = 1.5
 """A letter's width in a line of text."""
-_TICK_MM = 14.0
-"""Room of a number at a plot's horizontal axis."""
-_BAR_MM = 1.6
-"""Height of a colour bar."""
-_MARK_PT = 10.0
-"""Room of marks between a picture and its title."""
 _ONE_PLACE = 0.01
 """Over the picture's size: pictures that are no further apart have their numbers once."""
 _PLOT = "plot-"
@@ -418,22 +425,17 @@ def figure_for_page(result: WithPanels, style: FigureStyle) -> tuple[Figure, tup
             "has_no_figure_paper", title=getattr(result, "title", type(result).__name__)
         )
     panels: PaperPanels = make(style.frames)
-    rows, plots = _picture_rows(panels, style.width_mm), list(panels.plots)
-    figure = _drawn(panels, style, rows, plots)
-    closer = _picture_rows(panels, style.width_mm, least_mm=_LEAST_OF_COLUMN_MM)
-    if MM_PER_INCH * figure.get_figheight() > PAGE_MM and closer != rows:
-        rows, figure = closer, _drawn(panels, style, closer, plots)
-    tall = MM_PER_INCH * figure.get_figheight()
+    plots = list(panels.plots)
     spare = sorted((plot for plot in plots if plot.spare), key=lambda plot: -plot.spare)
-    if tall <= PAGE_MM or not plots:
-        return figure, ()
-    others = tall - sum(_plot_heights(panels, style, plots))
-    for left_out in (spare[:number] for number in range(len(spare) + 1)):
-        few = [plot for plot in plots if plot not in left_out]
-        if others + sum(_plot_heights(panels, style, few, lowest=True)) < PAGE_MM:
-            figure = _drawn(panels, style, rows, few, lowest=True)
-            return figure, tuple(plot.title for plot in left_out)
-    return figure, ()
+    closer = _picture_rows(panels, style.width_mm, least_mm=_LEAST_OF_COLUMN_MM)
+    layouts = [(_picture_rows(panels, style.width_mm), plots, False), (closer, plots, False)]
+    for number in range(len(spare) + 1) if plots else ():
+        layouts.append((closer, [plot for plot in plots if plot not in spare[:number]], True))
+    for rows, few, lowest in layouts:
+        figure = _drawn(panels, style, rows, few, lowest=lowest)
+        if MM_PER_INCH * figure.get_figheight() <= PAGE_MM:
+            return figure, tuple(plot.title for plot in spare if plot not in few)
+    return _drawn(panels, style, closer, plots), ()
 
 
 def panels_figure(panels: PaperPanels, head: str, *, picture_mm: float = 80.0) -> Figure:
@@ -589,7 +591,8 @@ def _draw_pictures(
             words = (kind.name if len(panels.kinds) > 1 else "", panels.labels[k])
             marked = any(not line.get_clip_on() for line in axes.lines)  # above the picture too
             title = fold(f"{next(letters)} {', '.join(filter(None, words))}", room)
-            axes.set_title(title, loc="left", pad=_MARK_PT if marked else None)
+            pad = 1.25 * PAPER_PT if marked else None  # a line's room for the marks
+            axes.set_title(title, loc="left", pad=pad)
             axes.set_anchor("N")
     add_scale_bar(shown[0][0])
     _outer_labels(shown)
@@ -605,7 +608,7 @@ def _draw_pictures(
                 pad=0.02,
                 panchor=False,
                 fraction=0.12,  # of the pictures' height, of which it takes what its shape needs
-                aspect=0.8 * width_mm / cols * len(last) / _BAR_MM,
+                aspect=0.5 * width_mm / cols * len(last),  # 1.6 mm high, 0.8 of its pictures wide
             )
             bar.set_label(fold(kind.bar, room * len(last)))
     return shown
@@ -663,7 +666,7 @@ def _fit_numbers(axes: Axes, room_mm: float) -> None:
     axes.set_xlabel(fold(axes.get_xlabel(), room_mm - _LETTER_MM * names))
 
     if isinstance(axes.xaxis.get_major_locator(), AutoLocator):
-        axes.locator_params(axis="x", nbins=max(2, min(int((room_mm - 25.0) / _TICK_MM), 6)))
+        axes.locator_params(axis="x", nbins=max(2, min(int((room_mm - 25.0) / _AROUND_MM), 6)))
     legend = axes.get_legend()
     for name in legend.get_texts() if legend else ():
         name.set_text(fold(name.get_text(), 0.6 * (room_mm - _AROUND_MM)))

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from isochrome.errors import InputError
 from isochrome.figures import style
-from isochrome.figures.paper import Plot, data_name
+from isochrome.figures.paper import ENVELOPE, Plot, data_name
 from isochrome.output import FrameValues
 
 if TYPE_CHECKING:
@@ -35,8 +35,8 @@ KEY_LABELS = {
 }
 """What stands at the axis of a key."""
 
-_POINTS = 1600
-"""Frames that are drawn: twice as many as a panel has pixels across."""
+MOST_POINTS = 240
+"""Points of a curve: more than a drawing has pixels to tell them apart."""
 _FEW = 40
 """Frames whose points have room beside each other."""
 
@@ -62,6 +62,51 @@ def draw_band(
     axis.plot(x, values, color=colour, **line)
 
 
+def draw_course(
+    axis: Axes, place: Array, values: Array, spread: Array | None = None, *,
+    colour: Any = style.LINE_COLOURS[0], **line: Any,
+) -> Array:  # fmt: skip
+    """Draw values over places with their band; of many, neighbours are one point.
+
+    Their mean, in an envelope of all their values, and one of all their bands. Gives which are
+    drawn, rising: those with a place, and of few those that are known.
+    """
+    order = np.argsort(place, kind="stable")[: int(np.isfinite(place).sum())]
+    # a line goes on over frames without the key, and breaks where a video's frame tells nothing
+    drawn = order[np.isfinite(values[order])] if len(order) <= _FEW else order
+    x, y = place[drawn], values[drawn]
+    bands: list[tuple[Array, Array, str | None]] = []
+    if spread is not None:
+        half = BAND * np.where(np.isfinite(spread[drawn]), spread[drawn], np.nan)
+        bands = [(y - half, y + half, None)]
+    if len(x) > MOST_POINTS:
+        starts = np.arange(0, len(x), -(-len(x) // MOST_POINTS))
+        bands = [
+            (np.fmin.reduceat(low, starts), np.fmax.reduceat(high, starts), name)
+            for low, high, name in ((y, y, data_name(ENVELOPE)), *bands)
+        ]
+        known = np.add.reduceat(np.isfinite(y), starts)
+        x = np.add.reduceat(x, starts) / np.diff([*starts, len(x)])
+        y = np.add.reduceat(np.nan_to_num(y), starts) / np.where(known, known, np.nan)
+    for low, high, name in bands:
+        axis.fill_between(x, low, high, color=colour, alpha=0.3, lw=0, label=name)
+    axis.plot(x, y, color=colour, **line)
+    return drawn
+
+
+def course_plot(title: str, across: str, place: Array, values: Array) -> Plot:
+    """A plot of values over places, of which `title` and `across` say what they are and in what
+    unit.
+    """
+
+    def draw(axis: Axes) -> None:
+        marker = "o" if len(values) <= _FEW else ""
+        draw_course(axis, place, values, lw=style.LINE_PT, marker=marker, ms=4)
+        style.style_axes(axis, x_label=across, z_label=title)
+
+    return Plot(title=title, draw=draw)
+
+
 def draw_values(axis: Axes, table: FrameValues, key: str) -> None:
     """Draw a key over the frames, or the distance, with its band.
 
@@ -72,12 +117,8 @@ def draw_values(axis: Axes, table: FrameValues, key: str) -> None:
     values, spread = table.values[:, j], table.standard_uncertainty[:, j]
     place, across = frame_axis(table)
     still = ~np.isfinite(place) & np.isfinite(values)
-    order = np.argsort(place, kind="stable")[: int(np.isfinite(place).sum())]
-    order = order[:: -(-len(order) // _POINTS)] if len(order) else order
-    # a line goes on over frames without the key, and breaks where a video's frame tells nothing
-    drawn = order[np.isfinite(values[order])] if len(order) <= _FEW else order
-    draw_band(axis, place[drawn], values[drawn], spread[drawn], lw=style.LINE_PT)
-    if len(order) <= _FEW:
+    drawn = draw_course(axis, place, values, spread, lw=style.LINE_PT)
+    if np.isfinite(place).sum() <= _FEW:
         open_square: dict[str, Any] = {"fmt": "s", "mfc": "white", "label": data_name("static")}
         for frames, look in ((drawn, {"fmt": "o"}), (np.flatnonzero(still), open_square)):
             x = np.where(np.isfinite(place[frames]), place[frames], 0.0)
@@ -94,18 +135,21 @@ def draw_values(axis: Axes, table: FrameValues, key: str) -> None:
 
 
 def _mark(axis: Axes, table: FrameValues, place: Array, values: Array) -> None:
-    """Mark key frames, and those that were found by a full search."""
-    key, again = table.whole, table.searched
-    axis.plot(place[key], values[key], ".", color=style.INK, ms=4, label=data_name("key frames"))
-    look: dict[str, Any] = {"mfc": "none", "color": style.LINE_COLOURS[1], "ms": 5}
-    axis.plot(place[again], values[again], "o", label=data_name("full search"), **look)
+    """Mark key frames, and those that were found by a full search, where they can be told apart."""
+    looks: tuple[tuple[Array, str, dict[str, Any]], ...] = (
+        (table.whole, "key frames", {"marker": ".", "color": style.INK, "ms": 4}),
+        (table.searched, "full search",
+         {"marker": "o", "mfc": "none", "color": style.LINE_COLOURS[1], "ms": 5}),
+    )  # fmt: skip
+    for which, name, look in looks:
+        if which.sum() <= MOST_POINTS:
+            axis.plot(place[which], values[which], ls="", label=data_name(name), **look)
 
 
 def draw_chi(axis: Axes, table: FrameValues) -> None:
     """Draw chi over the frames, or the distance."""
     place, across = frame_axis(table)
-    thin = slice(None, None, -(-len(place) // _POINTS))
-    axis.plot(place[thin], table.chi[thin], color=style.GREY, lw=style.LINE_PT)
+    draw_course(axis, place, table.chi, colour=style.GREY, lw=style.LINE_PT)
     _mark(axis, table, place, table.chi)
     style.style_axes(axis, x_label=across, z_label="chi")
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from isochrome.estimation import POOR_CHI, BudgetInput
+from isochrome.figures import values_plots
 from isochrome.fitting.figure import budget_figure, fit_figure, over_distance_figure
 from isochrome.fitting.frame.unknowns import WEAR
 from isochrome.fitting.frame_set import PreparedFrames
@@ -19,7 +20,7 @@ from isochrome.fitting.tractions.api import write_tractions
 from isochrome.fitting.wear_laws import LawFit, WearLaws
 from isochrome.messages import read_warnings
 from isochrome.output import saved_picture, write_csv, write_figure, write_json, write_text
-from isochrome.reporting import ReportContent, ReportTable, curves_of, paper_rows, write_report
+from isochrome.reporting import ReportContent, ReportTable, paper_rows, write_report
 from isochrome.runs import (
     REPORT,
     STORE,
@@ -67,7 +68,7 @@ def fit_report(folder: Path, result: Fit | Track, record: Mapping[str, Any]) -> 
         title=result.title,
         verdict=f"{verdict[:1].upper()}{verdict[1:]}. Residual over noise: {goodness} (about 1 "
         "where the frames are described to their noise).",
-        curves=curves_of(values),
+        curves=values_plots(values),
         warnings=result.warnings,
         scene=dump_scene(result.scene),
         paper=paper_rows(result.scene, record),

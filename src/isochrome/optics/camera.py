@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from isochrome.errors import InputError
 from isochrome.output import read_given_table
 from isochrome.scene import Camera
+from isochrome.stress import ROWS_AT_ONCE
 
 Array = NDArray[np.floating]
 
@@ -68,10 +69,6 @@ def camera_response(camera: Camera, path: Path | None = None) -> Response:
     if (table[:, 1:] < 0.0).any() or not (table[:, 1:] > 0.0).any(axis=0).all():
         raise InputError("response_must_not_negative", path=path)
     return Response(names, table[:, 0], table[:, 1:].T.copy())
-
-
-ROWS_AT_ONCE = 64
-"""Rows at a time: what is made of them stays in the processor's cache, which halves the time."""
 
 
 def expose(

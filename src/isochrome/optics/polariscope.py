@@ -24,9 +24,9 @@ from numpy.typing import NDArray
 
 from isochrome.errors import InputError
 from isochrome.messages import message
-from isochrome.optics.camera import ROWS_AT_ONCE, Response
+from isochrome.optics.camera import Response
 from isochrome.scene import Polariscope, Spectrum
-from isochrome.stress import StressDifference
+from isochrome.stress import ROWS_AT_ONCE, StressDifference
 
 
 def fringe_order(

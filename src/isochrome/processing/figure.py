@@ -69,7 +69,6 @@ from isochrome.reporting import (
     ReportFrame,
     ReportTable,
     choose_frames,
-    curves_of,
     paper_rows,
 )
 from isochrome.runs import column_values
@@ -467,7 +466,7 @@ def process_report(dataset: Kept, result: Processed, record: Mapping[str, Any]) 
     return ReportContent(
         command="process", title=result.title,
         verdict=f"{verdict[:1].upper()}{verdict[1:]}. {_goodness(table)}", frames=frames,
-        choice=choice, curves=curves_of(result.over_frames),
+        choice=choice, curves=values_plots(result.over_frames),
         no_budget=(_NO_BUDGET if result.asks_causes else _OF_KNOWN_LOADS) if fitted else _NONE,
         causes=result.causes if looked and fitted else None, refined=result.refined,
         tables=_causes(table), taken_as_exact=result.taken_as_exact, warnings=result.warnings,

@@ -25,24 +25,20 @@ from numpy.typing import ArrayLike, NDArray
 
 from isochrome.errors import InputError
 from isochrome.figures import (
-    BAND,
     DIFFERENCE_MAP,
     FINE_PT,
     FRAME_MAP,
-    KEY_LABELS,
-    LINE_COLOURS,
-    LINE_PT,
     PALE,
     PAPER_DIRECTION_MAP,
     VALUE_MAP,
     Place,
-    frame_axis,
+    Plot,
+    curve_columns,
     new_figure,
     show_image,
-    style_axes,
 )
 from isochrome.messages import entry_of
-from isochrome.output import FrameValues, to_last_digit, with_uncertainty, write_text
+from isochrome.output import to_last_digit, with_uncertainty, write_text
 from isochrome.scene import Camera, Frames, Polariscope, Scene
 
 if TYPE_CHECKING:
@@ -90,16 +86,16 @@ FINE_STEP, STEP = 0.001, 0.01
 """Fringes: orders in a report are rounded to the first, or the second where that lacks room."""
 
 ROOM_BYTES = 8_000_000
-"""Text for all frames of a report, of the 10 MB that one has at most."""
+"""Text for the run's own figure and all frames, of the 10 MB that a report has at most."""
 
-_LARGEST = 65_000
+_LARGEST = np.iinfo(np.uint16).max
 """Steps that 16 bits hold; orders hundreds of fringes above the smallest are given as not known."""
 
 _LEAST_BYTES = 0.4
 """Bytes a pixel of a frame, of which no camera's frame takes less: nothing finer is tried."""
 
-_GREYS, _COLOURS = 64, 15
-"""Levels of a grey picture and of a difference: more are not told apart on paper."""
+_LEVELS = 64
+"""Of a picture: more are not told apart on paper."""
 
 
 FRINGES, SIGNAL, GREY_LEVELS = "fringes", "of the full light", "grey levels"
@@ -163,12 +159,14 @@ def encode_frames(frames: Sequence[ReportFrame], *, room: int = ROOM_BYTES) -> l
         maps = (order for order in (frame.order, frame.model_order) if order is not None)
         known = (order[np.isfinite(order)] for order in maps)
         holds = all(np.ptp(one) < FINE_STEP * (_LARGEST - 1) for one in known if one.size)
-        encoded = _encoded(frame, stride, FINE_STEP if holds else STEP)
-        if holds and _size(encoded) > share:
-            encoded |= _orders(frame, stride, STEP)
-        while _size(encoded) > share and min(shape) > stride:
-            stride = max(stride + 1, int(stride * np.sqrt(_size(encoded) / share)))
-            encoded = _encoded(frame, stride, STEP)
+        step = FINE_STEP if holds else STEP
+        encoded = _encoded(frame, stride, step)
+        while _size(encoded) > share and (step == FINE_STEP or min(shape) > stride):
+            if step == FINE_STEP:
+                step = STEP
+            else:
+                stride = max(stride + 1, int(stride * np.sqrt(_size(encoded) / share)))
+            encoded = _encoded(frame, stride, step)
         result.append(encoded)
     return result
 
@@ -181,34 +179,23 @@ def _size(encoded: dict[str, Any]) -> int:
 def _encoded(frame: ReportFrame, stride: int, step: float) -> dict[str, Any]:
     """A frame as the page takes it: means over `stride` pixels, and orders in their middle."""
     rows, cols = (size // stride for size in frame.panes[0].values.shape)
-    squares = rows, stride, cols, stride
-    means = [
-        p.values[: rows * stride, : cols * stride].reshape(squares).mean(axis=(1, 3))
-        for p in frame.panes
-    ]
-    return {name: getattr(frame, name) for name in _AS_IT_IS} | {
-        "rows": rows,
-        "cols": cols,
-        "stride": stride,
-        "first": stride // 2,
-        "panes": [
-            {"key": p.key, "label": p.label, "span": p.span, "unit": p.unit,
-             "png": _png(p, mean),
-             "bar": _png(p, np.linspace(*p.span, _GREYS)[None])}  # from end to end of its span
-            for p, mean in zip(frame.panes, means, strict=True)
-        ],
-    } | _orders(frame, stride, step)  # fmt: skip
-
-
-def _orders(frame: ReportFrame, stride: int, step: float) -> dict[str, Any]:
-    """A frame's orders as the page takes them, those in the middle of each square."""
-    first = stride // 2
-    rows, cols = (size // stride for size in frame.panes[0].values.shape)
+    squares, first = (rows, stride, cols, stride), stride // 2
     part = tuple(slice(first, first + stride * size, stride) for size in (rows, cols))
-    return {
-        name: None if order is None else order_map(order[part], step)
-        for name, order in {"order": frame.order, "model_order": frame.model_order}.items()
-    }
+    panes = []
+    for pane in frame.panes:
+        mean = pane.values[: rows * stride, : cols * stride].reshape(squares).mean(axis=(1, 3))
+        panes.append({
+            "key": pane.key, "label": pane.label, "span": pane.span, "unit": pane.unit,
+            "png": _png(pane, mean),
+            "bar": _png(pane, np.linspace(*pane.span, _LEVELS)[None]),  # from end to end
+        })  # fmt: skip
+    return {name: getattr(frame, name) for name in _AS_IT_IS} | {
+        "rows": rows, "cols": cols, "stride": stride, "first": first, "panes": panes,
+        **{
+            name: None if order is None else order_map(order[part], step)
+            for name, order in (("order", frame.order), ("model_order", frame.model_order))
+        },
+    }  # fmt: skip
 
 
 def order_map(order: Array, step: float = STEP) -> dict[str, Any]:
@@ -233,26 +220,23 @@ def _png(pane: Pane, values: Array) -> str:
     from matplotlib import colormaps
     from PIL import Image
 
-    count = _COLOURS if pane.key == "difference" else _GREYS
     low, high = pane.span
-    level = np.rint(np.nan_to_num((values - low) / ((high - low) or 1.0), nan=0.0) * (count - 1))
-    level = np.where(np.isfinite(values), np.clip(level, 0, count - 1), count).astype(np.uint8)
+    level = np.rint(np.nan_to_num((values - low) / ((high - low) or 1.0), nan=0.0) * (_LEVELS - 1))
+    level = np.where(np.isfinite(values), np.clip(level, 0, _LEVELS - 1), _LEVELS).astype(np.uint8)
     picture = Image.fromarray(level, "P")
-    colours = colormaps[pane.colours](np.linspace(0.0, 1.0, count))[:, :3]
+    colours = colormaps[pane.colours](np.linspace(0.0, 1.0, _LEVELS))[:, :3]
     palette = np.rint(255 * np.vstack([colours, [1.0, 1.0, 1.0]])).astype(np.uint8)
     picture.putpalette(bytes(palette))
     file = io.BytesIO()
-    picture.save(file, "PNG", transparency=count, bits=4 if count < 16 else 8, compress_level=5)
+    picture.save(file, "PNG", transparency=_LEVELS, compress_level=5)
     return base64.b64encode(file.getvalue()).decode()
 
 
-_MOST_ROWS = 60
-"""Rows of a table in a report: the run's own file has all of them."""
+_MOST = 60
+"""Rows of a table in a report, warnings of a group and files of the input with their hashes: the
+run's own files have all of them."""
 
 _SPREAD = "standard_uncertainty"
-
-_MOST_MESSAGES = 30
-"""Of a group of warnings: each frame of a long run may have one of its own."""
 
 
 @dataclass(frozen=True)
@@ -273,14 +257,14 @@ class ReportTable:
             column = _SPREAD if name == "value" else f"{name} {_SPREAD}"
             spreads = self.columns.get(column, [None] * len(values))
             digits = 2 if name.endswith(("uncertainty", "bound")) else 5
-            pairs = zip(values[:_MOST_ROWS], spreads, strict=False)
+            pairs = zip(values[:_MOST], spreads, strict=False)
             columns.append([(_text(v, u, digits), isinstance(v, int | float)) for v, u in pairs])
         return list(zip(*columns, strict=True))
 
     @property
     def left_out(self) -> int:
         """How many rows are left to the run's own file."""
-        return max(0, max(map(len, self.columns.values()), default=0) - _MOST_ROWS)
+        return max(0, max(map(len, self.columns.values()), default=0) - _MOST)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -292,7 +276,7 @@ class ReportContent:
     verdict: str  # what was found, in a sentence
     frames: Sequence[ReportFrame] = ()
     choice: str = ""  # which frames of how many, and why
-    curves: Sequence[Curve] = ()
+    curves: Sequence[Plot] = ()  # of values over distance or frames
     budget: ReportTable | None = None  # shares of the uncertainty; None: the run has none
     no_budget: str = ""  # why there is none, and what to do
     tables: Sequence[ReportTable] = ()
@@ -321,7 +305,7 @@ def warnings_with_remedies(warnings: Iterable[str]) -> list[dict[str, Any]]:
         title = entry.title if entry else "Other"
         words = {name: getattr(entry, name, "") for name in ("meaning", "cause", "remedy")}
         group = groups.setdefault(title, {"title": title, **words, "messages": [], "left_out": 0})
-        if len(group["messages"]) < _MOST_MESSAGES:
+        if len(group["messages"]) < _MOST:
             group["messages"].append(text)
         else:
             group["left_out"] += 1
@@ -346,9 +330,6 @@ _MEASURED = (
     ("indenter's radius", "indenter.radius_mm", "mm"),
 )
 """Names, keys and units of the measured numbers that a paper states."""
-
-_MOST_FILES = 16
-"""Of the input, with their hashes: a run may be of thousands of single pictures."""
 
 NO_DATE = (
     "not stated in the scene, where calibrate --into writes it; else it stands in the report of "
@@ -391,10 +372,10 @@ def paper_rows(scene: Scene | None, record: Mapping[str, Any]) -> list[tuple[str
     result += [("with", versions)] if versions else []
     result += [("SHA-256 of the code", str(code))] if code else []
     files = list((record.get("inputs_sha256") or {}).items())
-    for name, digest in files[:_MOST_FILES]:
+    for name, digest in files[:_MOST]:
         result.append((f"SHA-256 of {PurePath(*PurePath(name).parts[-2:])}", str(digest)))
-    if len(files) > _MOST_FILES:
-        result.append((f"SHA-256 of {len(files) - _MOST_FILES} files more", "in provenance.json"))
+    if len(files) > _MOST:
+        result.append((f"SHA-256 of {len(files) - _MOST} files more", "in provenance.json"))
     return result
 
 
@@ -417,9 +398,6 @@ def _numbers(scene: Scene) -> Iterator[tuple[str, str]]:
             yield "date of f_sigma", scene.fringe_value_date or NO_DATE
 
 
-MOST_POINTS = 240
-"""Points of a curve: more than a drawing has pixels to tell them apart."""
-
 _INCHES = 4.0, 2.3
 """Of a drawing, whose letters are then those of a page where a telephone shows it."""
 
@@ -429,100 +407,37 @@ _SVG: Any = {"svg.fonttype": "path", "svg.hashsalt": "isochrome", "text.parse_ma
 _UNDATED = dict.fromkeys(("Date", "Creator", "Format", "Type"))
 
 
-@dataclass(frozen=True, kw_only=True)
-class Curve:
-    """A quantity over distance or frames; each point (n,) is some neighbours together where there
-    are many.
+def drawn_chart(plot: Plot) -> dict[str, Any] | None:
+    """A plot as the page takes it: drawing and numbers; None where it has no two points.
+
+    The drawing is base64 of a picture of its own, as the page's policy forbids its styles.
     """
+    from matplotlib import rc_context
+    from matplotlib.backends.backend_svg import FigureCanvasSVG  # `savefig` lays out twice
 
-    label: str  # name and unit of the quantity
-    across: str  # name and unit of the horizontal axis
-    place: Array
-    value: Array  # their mean
-    least: Array  # envelope of the values
-    most: Array
-    low: Array  # envelope of the bands
-    high: Array
-    together: int  # how many values are one point, at most
-    has_band: bool  # the values have uncertainties
-
-    @property
-    def rows(self) -> list[tuple[str, ...]]:
-        """The points as a table: place, value, least, most, low, high."""
-        columns = self.place, self.value, self.least, self.most, self.low, self.high
-        return [tuple(f"{value:.6g}" for value in row) for row in zip(*columns, strict=True)]
-
-    def draw(self, axes: Axes) -> None:
-        """Draw the line between its envelope and its band; few points have dots."""
-        colour = LINE_COLOURS[0]
-        axes.fill_between(self.place, self.low, self.high, color=colour, alpha=0.25, lw=0)
-        axes.fill_between(self.place, self.least, self.most, color=colour, alpha=0.35, lw=0)
-        dot = "o" if len(self.place) <= MOST_POINTS // 6 else ""
-        axes.plot(self.place, self.value, color=colour, lw=LINE_PT, marker=dot, ms=4)
-
-    @property
-    def svg(self) -> str:
-        """The drawing as base64: a picture of its own, as the page's policy forbids its styles."""
-        from matplotlib import rc_context
-        from matplotlib.backends.backend_svg import FigureCanvasSVG  # `savefig` lays out twice
-
-        content = io.BytesIO()
-        with rc_context(_SVG):
-            figure = new_figure(*_INCHES)
-            axes = figure.subplots()
-            self.draw(axes)
-            axes.ticklabel_format(useOffset=False)
-            axes.locator_params(nbins=5)  # numbers of a long run have room beside each other
-            axes.grid(color=PALE, alpha=0.5, lw=FINE_PT)
-            axes.set_axisbelow(True)
-            style_axes(axes, x_label=self.across)
-            canvas: Any = FigureCanvasSVG(figure)
-            canvas.print_svg(content, metadata=_UNDATED)
-        return base64.b64encode(content.getvalue()).decode()
-
-
-def curves_of(table: FrameValues) -> list[Curve]:
-    """The curves of fitted values, each with its band, and one of chi.
-
-    One for each key that is known in two frames at least; a tracked video's places too.
-    """
-    place, across = frame_axis(table)
-    place = np.where(np.isfinite(place), place, 0.0)  # what stands still has slid by nothing
-    labels = [*(KEY_LABELS.get(key, key) for key in table.keys), "chi (residual over noise)"]
-    columns, spreads = (*table.values.T, table.chi), (*table.standard_uncertainty.T, None)
-    return [
-        make_curve(label, across, place, values, spread)
-        for label, values, spread in zip(labels, columns, spreads, strict=True)
-        if np.isfinite(values).sum() > 1
-    ]
-
-
-def make_curve(
-    label: str, across: str, place: Array, values: Array, spread: Array | None = None
-) -> Curve:
-    """A quantity's curve: what is not known is left out, and many are put together.
-
-    At least one value is known; `spread` is their standard uncertainties, None: they have none.
-    """
-    spreads = np.zeros(len(values)) if spread is None else spread
-    known = np.flatnonzero(np.isfinite(values))
-    known = known[np.argsort(place[known], kind="stable")]
-    half = BAND * np.where(np.isfinite(spreads), spreads, 0.0)
-    together = -(-len(known) // MOST_POINTS)
-    starts = np.arange(0, len(known), together)
-    counts = np.diff([*starts, len(known)])
-    return Curve(
-        label=label,
-        across=across,
-        place=np.add.reduceat(place[known], starts) / counts,
-        value=np.add.reduceat(values[known], starts) / counts,
-        least=np.minimum.reduceat(values[known], starts),
-        most=np.maximum.reduceat(values[known], starts),
-        low=np.minimum.reduceat((values - half)[known], starts),
-        high=np.maximum.reduceat((values + half)[known], starts),
-        together=together,
-        has_band=spread is not None,
-    )
+    content = io.BytesIO()
+    with rc_context(_SVG):
+        figure = new_figure(*_INCHES)
+        axes = figure.subplots()
+        plot.draw(axes)
+        columns = curve_columns(axes)
+        across, *names = columns or ("", "")
+        if not columns or np.isfinite(columns[names[0]]).sum() < 2:
+            return None
+        axes.ticklabel_format(useOffset=False)
+        axes.locator_params(nbins=5)  # numbers of a long run have room beside each other
+        axes.grid(color=PALE, alpha=0.5, lw=FINE_PT)
+        axes.set_axisbelow(True)
+        axes.set(ylabel="", title="")
+        axes.set_title("", loc="left")
+        canvas: Any = FigureCanvasSVG(figure)
+        canvas.print_svg(content, metadata=_UNDATED)
+    rows = zip(*(column.tolist() for column in columns.values()), strict=True)
+    return {
+        "label": plot.title, "across": across, "names": list(columns),
+        "rows": [["" if v != v else f"{v:.6g}" for v in row] for row in rows],
+        "svg": base64.b64encode(content.getvalue()).decode(),
+    }  # fmt: skip
 
 
 def assemble_page(
@@ -589,9 +504,6 @@ MOST_BYTES = 10_000_000
 _LONGEST_SCENE = 300_000
 """Letters: a scene may hold a measured course of a hundred thousand rows."""
 
-_LARGEST_PICTURE = 6_000_000
-"""Bytes of a run's own figure, beside what else is in a report without frames."""
-
 
 def write_report(path: str | Path, content: ReportContent) -> Path:
     """Write a report, whole or not at all; InputError where it cannot be, or is over 10 MB."""
@@ -611,7 +523,8 @@ def report_html(content: ReportContent) -> str:
     Its policy of content allows the one style and the one script that are in it, by their hashes,
     and pictures that are in it; no address is ever asked.
     """
-    frames = encode_frames(content.frames, room=ROOM_BYTES)
+    picture = _picture(content.picture, ROOM_BYTES // 2)
+    frames = encode_frames(content.frames, room=ROOM_BYTES - len(picture))
     maps = (one[name] for one in frames for name in ("order", "model_order") if one[name])
     for_script = [  # its pictures stand in the page
         one | {"panes": [{"key": p["key"], "label": p["label"]} for p in one["panes"]]}
@@ -628,20 +541,21 @@ def report_html(content: ReportContent) -> str:
             "data": {"frames": for_script},
             "strides": sorted({one["stride"] for one in frames}),
             "steps": sorted({one["step"] for one in maps}),  # that orders are rounded to
+            "charts": [chart for plot in content.curves if (chart := drawn_chart(plot))],
             "groups": warnings_with_remedies(content.warnings),
-            "picture": _picture(content.picture),
+            "picture": picture,
             "scene": content.scene[:_LONGEST_SCENE],
             "scene_is_cut": len(content.scene) > _LONGEST_SCENE,
         },
     )
 
 
-def _picture(png: bytes | None) -> str:
+def _picture(png: bytes | None, room: int) -> str:
     """A PNG as base64; packed tighter, and only then made smaller, where it takes too much room."""
     if png is None:
         return ""
     packed, part = png, 1
-    while len(packed) * 4 // 3 > _LARGEST_PICTURE:
+    while len(packed) * 4 // 3 > room:
         from PIL import Image
 
         file = io.BytesIO()

@@ -19,6 +19,7 @@ from isochrome.drafting import (
     NEEDED,
     OPTIONS,
     SET_KINDS,
+    STATED_SHAPES,
     KnownValues,
     SceneDraft,
     draft_scene,
@@ -52,9 +53,6 @@ from isochrome.setup_page.session import (
     with_loads,
 )
 from isochrome.stress import PixelGrid, pixel_grid
-
-STATED_SHAPES = ("disc", "ring", "beam", "other")
-"""Kinds that the scene names in specimen.shape."""
 
 
 def session_state(session: SetupSession) -> dict[str, Any]:
@@ -148,9 +146,6 @@ def plain_values(text: str) -> dict[str, Any]:
 _OF_A_MODEL = ("indenter", "contact", "friction", "wear", "scar", "load", "frames.known_loads_n")
 """Tables and keys that make a scene one of a model."""
 
-_NOUGHT = (False, 0, "")
-"""What is as good as nothing said: the scene's own default."""
-
 
 def new_scene_text(kind: str, values: Mapping[str, Any], no_load: Mapping[str, str]) -> str:
     """A scene or set as TOML from the page's form, each line commented with its unit or meaning.
@@ -162,7 +157,8 @@ def new_scene_text(kind: str, values: Mapping[str, Any], no_load: Mapping[str, s
     if kind not in kinds:
         raise InputError("what_stands_front_camera", kind=kind, kinds=", ".join(kinds))
     fields = [field for field in FIELDS if kind in field.kinds]
-    given = {f.key: values.get(f.key) for f in fields if values.get(f.key) not in (None, *_NOUGHT)}
+    # what is false or nought is as good as nothing said: the scene's own default
+    given = {field.key: value for field in fields if (value := values.get(field.key))}
     missing = [field.label for field in fields if field.needed and field.key not in given]
     if missing:
         what = ("scene", "set")[kind in SET_KINDS]

@@ -11,7 +11,6 @@ from __future__ import annotations
 import base64
 import hmac
 import json
-import math
 import secrets
 import threading
 import time
@@ -185,38 +184,48 @@ class ClickPreview:
         'new', 'moved', 'changed', 'same', 'lost'; also `words`, `said`, `share` of the frame, the
         part's patches as `rows`, `cols`, `levels` (`order_map_of_points`), and the `revision`.
         """
+        session, revision = self._session, self._session.revision
+        corner = session.region(session.scene_or_none()).model_dump()
+        tables: dict[str, list[dict[str, Any]]] = {}
+        at, on_line = request.get("at"), request.get("on_line") is True
         with edits.refused_as_asked("preview"):
-            request = _plainly(request)
-        revision = self._session.revision
+            if at is not None:
+                row, col = (float(place) for place in at)
+                at = row - corner["top_px"], col - corner["left_px"]
+                tables["known_order"] = edits.order_tables(request["points"], corner)
+                tables["known_line"] = edits.line_tables(request["lines"], corner)
         try:
             with self._lock:
-                answer = self._found(index, request)
+                answer = self._found(index, at, tables, on_line)
         except IsochromeError as error:  # what a click, or the map, would say as well
             answer = _nothing(str(error))
         return answer | {"revision": revision}
 
-    def _found(self, index: int, request: edits.Request) -> dict[str, Any]:
+    def _found(
+        self,
+        index: int,
+        at: tuple[float, float] | None,
+        tables: Mapping[str, list[dict[str, Any]]],
+        on_line: bool,
+    ) -> dict[str, Any]:
         """The answer without the revision."""
         session, text = self._session, self._session.text
         now = edits.without_model(session.scene(text), text)
         preview = self._followed(now, index)
-        if request["at"] is None:
+        if at is None:
             return {"kind": "ready", "words": preview.refusal}
-        region = session.region(now)
-        row, col = request["at"][0] - region.top_px, request["at"][1] - region.left_px
-        what = "this line" if request["on_line"] else "this point"
+        (row, col), region = at, session.region(now)
+        what = "this line" if on_line else "this point"
         rows, cols = region.height_px, region.width_px
         if not (-0.5 <= row < rows - 0.5 and -0.5 <= col < cols - 0.5):
             return _nothing(message("outside_region_would_anchor", what=what))
-        shift = region.model_dump()
-        orders, lines = edits.order_tables(request["points"], shift), request["lines"]
-        text = with_table_list(text, "frames.known_order", orders)
-        text = with_table_list(text, "frames.known_line", edits.line_tables(lines, shift))
+        for name, known in tables.items():
+            text = with_table_list(text, f"frames.{name}", known)
         then = edits.without_model(session.scene(text), text)
         key = (self._key, now.frames.model_dump_json())
         if self._before is None or self._before[0] != key:  # read once a scene
             self._before = key, preview.orders(now)
-        part = preview.part_at(row, col, on_line=request["on_line"])
+        part = preview.part_at(row, col, on_line=on_line)
         if not part.any():
             return _nothing(message("no_fringe_could_followed_here", what=what))
         extent = "frame" if now.frames.roi is None else "region"
@@ -233,32 +242,6 @@ class ClickPreview:
             self._preview = old = anchor_preview(self._session.frames, scene, index)
             self._key = (*key, known) if old.depends_on_known else key
         return old
-
-
-def _plainly(request: edits.Request) -> dict[str, Any]:
-    """What was asked, as numbers. Raises KeyError, TypeError, ValueError where it is none."""
-    if request.get("at") is None:
-        return {"at": None}
-    points = [
-        {name: _finite(one[name]) for name in ("row", "col", "order")}
-        | {"extremum": one.get("extremum") and str(one["extremum"])}
-        for one in request["points"]
-    ]
-    lines = [
-        {"points": [[*map(_finite, pair)] for pair in one["points"]], "order": float(one["order"])}
-        for one in request["lines"]
-    ]
-    row, col = map(_finite, request["at"])
-    on_line = request.get("on_line") is True
-    return {"at": (row, col), "points": points, "lines": lines, "on_line": on_line}
-
-
-def _finite(value: Any) -> float:
-    """A number. Raises TypeError, ValueError where it is none."""
-    number = float(value)
-    if not math.isfinite(number):
-        raise ValueError(message("beyond_all_pictures", number=number))
-    return number
 
 
 def _what_becomes(

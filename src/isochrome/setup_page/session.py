@@ -2,8 +2,8 @@
 
 The model's fringes while a slider moves: a little less exact than a fit's, and much faster.
 
-The mean over a pixel's area and the last digits of a worn contact are left out: some hundredths of
-the full light, which no eye sees. What is fitted, checked and simulated is never this picture.
+The mean over a pixel's area is left out: some hundredths of the full light, which no eye sees. What
+is fitted, checked and simulated is never this picture.
 
 A calibration set that is set up on its images: what the page does otherwise than for a scene.
 
@@ -19,7 +19,6 @@ import re
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -68,7 +67,7 @@ from isochrome.scene import (
     with_table_list,
 )
 from isochrome.specimens import specimen_model
-from isochrome.stress import PixelGrid, pixel_grid, seen_nearly
+from isochrome.stress import PixelGrid, pixel_grid
 
 Point = tuple[float, float]
 """A place as (row, col), px."""
@@ -147,15 +146,6 @@ def round_by_spread(value: float, spread: float) -> float:
     return float(np.round(value, max(0, 2 - int(np.floor(np.log10(spread))))))
 
 
-_TOLERANCE = 3e-3
-"""Of a worn contact: a thousandth of a fringe, at a third of the time."""
-
-_ROOM = 1.8
-"""Window on the surface over what the scene's own load needs: enough for three times the load."""
-
-_LENS = ("roll_deg", "distortion", "keystone_x", "keystone_z")
-
-
 class LiveModel:
     """A scene's fringes on the pixels (rows, cols) of its region, as values move.
 
@@ -174,7 +164,7 @@ class LiveModel:
 
     def _start(self, scene: Scene) -> None:
         """Choose the nodes on the surface: they stay as values move."""
-        self._base = with_numerics(scene, room=_ROOM, tolerance=_TOLERANCE)
+        self._base = with_numerics(scene)
         self._renderers: dict[tuple[int, int], SceneRenderer] = {}
 
     def signal(self, values: Mapping[str, float]) -> NDArray[np.floating]:
@@ -196,21 +186,12 @@ class LiveModel:
 
     def _signal(self, scene: Scene) -> NDArray[np.floating]:
         pixels = pixel_grid(scene, self.shape)
-        if pixels.lens is None:
-            return self._plain(scene, pixels)
-        around = pixels.around()
-        place = {"left_mm": around.left_mm, "top_mm": around.top_mm, "width_px": around.cols}
-        camera = place | {"height_px": around.rows} | dict.fromkeys(_LENS, 0.0)
-        square = scene.with_values({f"camera.{key}": value for key, value in camera.items()})
-        return seen_nearly(self._plain(square, around), around, pixels)
-
-    def _plain(self, scene: Scene, pixels: PixelGrid) -> NDArray[np.floating]:
-        """The signal on pixels that look straight at the specimen."""
-        shape = pixels.rows, pixels.cols
-        if shape not in self._renderers:
-            self._renderers = {shape: SceneRenderer(self._base, shape, rough=True)}
-        signal = self._renderers[shape].signal(scene, visibility=np.ones((), np.float32))
-        inside = specimen_model(scene).inside(replace(pixels, lens=None))
+        around = pixels.around()  # whose size a renderer takes for granted
+        size = around.rows, around.cols
+        if size not in self._renderers:
+            self._renderers = {size: SceneRenderer(self._base, self.shape, rough=True)}
+        signal = self._renderers[size].signal(scene, visibility=np.ones((), np.float32))
+        inside = specimen_model(scene).inside(pixels)
         return np.where(inside, np.nan_to_num(signal), 0.0)
 
 
@@ -678,14 +659,9 @@ def calibration_answer(session: SetSession) -> dict[str, Any]:
     """
     revision = session.revision
     result = session.calibrate()
-    value = with_uncertainty(result.fringe_value_n_per_mm, result.standard_uncertainty)
-    values = {"f_sigma (N/mm per fringe)": value, "chi (1 = within the noise)": f"{result.chi:.2f}"}
-    order, spread = result.order_at_zero_load, result.order_at_zero_load_uncertainty
-    if order is not None and spread is not None:
-        values["Order at zero load (fringes)"] = with_uncertainty(order, spread)
     return {
         "revision": revision,
-        "values": [{"words": words, "text": text} for words, text in values.items()],
+        "values": [{"words": words, "text": text} for words, text in result.main_values()],
         "images": [
             {name: getattr(image, name) for name in ("file", "load_n", "order", "chi")}
             for image in result.images

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.errors import InputError
-from isochrome.figures import PaperPanels, chosen_frames
+from isochrome.figures import PaperPanels, chosen_frames, course_plot
 from isochrome.optics import stored_type
 from isochrome.output import (
     Result,
@@ -43,7 +43,6 @@ from isochrome.reporting import (
     ReportFrame,
     ReportTable,
     choose_frames,
-    make_curve,
     paper_rows,
     write_report,
 )
@@ -121,9 +120,8 @@ def simulation_report(folder: Path, scene: Scene, record: Mapping[str, Any]) -> 
         frames=frames,
         choice=f"{len(frames)} of {counted(count, 'rendered state')} are shown{few}.",
         curves=[
-            make_curve(f"{name} ({unit})", across, distance, values)
+            course_plot(f"{name} ({unit})", across, distance, values)
             for name, unit, values in _known(history)
-            if np.isfinite(values).sum() > 1
         ],
         no_budget=_NO_BUDGET,
         tables=[ReportTable(f"The states ({HISTORY})", history)],
@@ -278,9 +276,6 @@ def _form(work: RenderWork, name: str) -> tuple[tuple[int, ...], np.dtype[Any]]:
     return (steps, *size, *colours), stored_type(camera.bit_depth).newbyteorder("<")
 
 
-_SHOWN_VALUES = ("p_max_mpa", "contact_width_mm", "wear_depth_um", "worn_area_mm2", "n_max")
-
-
 @dataclass(frozen=True, repr=False, kw_only=True)
 class Simulation(Result):
     """A simulated scene.
@@ -350,7 +345,7 @@ class Simulation(Result):
 
     def main_values(self) -> Iterator[tuple[str, str]]:
         """The contact's and the fringes' largest values over the states."""
-        for name in _SHOWN_VALUES:
+        for name, *_ in _QUANTITIES:
             if name in self.history:
                 yield name, over_items(self.history[name], items="states")
 

@@ -86,7 +86,7 @@ def _draw_stress(
     shown = show_image(axes, image, **look, **pixels.scale)
     assert item.components is not None
     peak, surface = item.components.peak, item.state.surface
-    right = pixels.left_mm + pixels.cols * pixels.pixel_mm
+    _, right, *_ = pixels.window
     if surface is not None and pixels.top_mm <= 0.0:
         from matplotlib.markers import CARETDOWN  # its tip, not its middle, is at the place
 

@@ -28,8 +28,8 @@ class BeamModel(SpecimenModel):
         """Bending is linear over the height: the largest is at an end of what is in view."""
         height = scene.specimen.height_mm
         assert height is not None
-        bottom = pixels.top_mm + pixels.rows * pixels.pixel_mm
-        ends = np.array([max(pixels.top_mm, 0.0), min(bottom, height)])
+        _, _, top, bottom = pixels.window
+        ends = np.array([max(top, 0.0), min(bottom, height)])
         shear = 0.5 * np.abs(_bending(scene, ends))
         end = int(np.nan_to_num(shear, nan=-1.0).argmax())
         middle = pixels.left_mm + 0.5 * pixels.cols * pixels.pixel_mm

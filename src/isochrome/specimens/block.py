@@ -66,9 +66,9 @@ class BlockModel(HalfPlane):
         """
         sides = block_sides(scene)
         # no more of the block is shown than its corrections hold for
-        across = max(abs(pixels.left_mm), abs(pixels.left_mm + pixels.cols * pixels.pixel_mm))
-        down = max(abs(pixels.top_mm), abs(pixels.top_mm + pixels.rows * pixels.pixel_mm))
-        far, reach = float(np.hypot(across, down)), REACH * sides.clearance
+        x1, x2, z1, z2 = map(abs, pixels.window)
+        far = float(np.hypot(max(x1, x2), max(z1, z2)))
+        reach = REACH * sides.clearance
         if far > reach:
             raise InputError("picture_reaches_mm_from", name=scene.name, farthest=far, reach=reach)
         half, clearance = float(np.max(np.abs(surface.edges_mm))), sides.clearance

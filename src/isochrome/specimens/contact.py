@@ -72,7 +72,7 @@ class HalfPlane(SpecimenModel):
         assert surface is not None
         x, p, q = surface.grid.x_mm, surface.pressure_mpa, surface.shear_mpa
         added = self.added_stress(scene, surface, pixels)
-        return largest_shear(x, p, q, within=pixels, regular=added)
+        return largest_shear(x, p, q, within=pixels.window, regular=added)
 
     def added_stress(self, scene: Scene, surface: SurfaceState, pixels: PixelGrid) -> RegularStress:
         """The bulk stress, and what sides add."""

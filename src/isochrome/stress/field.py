@@ -106,6 +106,12 @@ class PixelGrid:
         return {"pixel_mm": self.pixel_mm, "left_mm": self.left_mm, "top_mm": self.top_mm}
 
     @property
+    def window(self) -> tuple[float, float, float, float]:
+        """Its outer edges: left, right, top, bottom (mm)."""
+        wide, high = self.cols * self.pixel_mm, self.rows * self.pixel_mm
+        return self.left_mm, self.left_mm + wide, self.top_mm, self.top_mm + high
+
+    @property
     def places(self) -> tuple[Floats, Floats]:
         """x and z (mm) that the pixels look at, of shapes that broadcast to (rows, cols)."""
         return (self.x_mm[None, :], self.z_mm[:, None]) if self.lens is None else _looked_at(self)

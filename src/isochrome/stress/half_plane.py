@@ -123,8 +123,8 @@ HALF_TAPS = 12
 """Neighbours on either side that take over a source (m)."""
 DEEP_PX = {np.dtype(np.complex64): 10.0, np.dtype(np.complex128): 20.0}
 """Depth in pixels from which they do: errors below 1e-10 and 1e-16 (times 2m + 1 at most)."""
-_BLOCK = 64
-"""Rows worked on at once: a block's products stay in the cache."""
+ROWS_AT_ONCE = 64
+"""Rows worked on at a time: what is made of them stays in the processor's cache."""
 
 
 @dataclass(frozen=True)
@@ -198,8 +198,8 @@ def convolve_rows(
         sources = values if band.moved == 1 else pixel_sources(values, band.moved)
         spectrum = scipy.fft.fft(sources, length) / band.fold
         spectra.append(spectrum.astype(band.cauchy.dtype))
-    for start in range(0, len(out), _BLOCK):
-        block = slice(start, start + _BLOCK)
+    for start in range(0, len(out), ROWS_AT_ONCE):
+        block = slice(start, start + ROWS_AT_ONCE)
         products = (
             kernel[block, part] * spectrum[part]
             for (kernel, _), spectrum in zip(loads, spectra, strict=True)
@@ -290,7 +290,7 @@ def regular_modes(degree: int) -> tuple[RegularStress, ...]:
     return tuple(modes)
 
 
-_AT_ONCE = 1 << 17
+_AT_ONCE = 131_072
 """Pairs of place and node evaluated at once: some tens of MB of scratch at most."""
 
 
@@ -623,17 +623,20 @@ def largest_shear(
     pressure_mpa: Floats,
     shear_mpa: Floats | None,
     *,
-    within: PixelGrid | tuple[float, float, float, float],
+    within: tuple[float, float, float, float],
     regular: RegularStress = NO_STRESS,
 ) -> ShearPeak:
     """Find the largest (sigma_1 - sigma_2)/2 in the material under a window, its surface included.
 
     A scan on graded depths finds the hills, direct sums climb the highest, to 1e-7 of their width.
-    The window may be (left, right, top, bottom), mm. At the surface the value is the traction's at
+    The window is (left, right, top, bottom), mm. At the surface the value is the traction's at
     its uniform nodes: beside a worn edge, where friction ends steeply, sigma_x grows with the
     logarithm of that steepness, so with a finer grid. InputError: no material, or not finite.
     """
-    box = _material(within)
+    left_mm, right, top, bottom = within
+    if not (left_mm <= right and max(top, 0.0) <= bottom):
+        raise InputError("window_from_mm_mm", left_mm=left_mm, right=right, top=top, bottom=bottom)
+    box = Box(left_mm, right, max(top, 0.0), bottom)
     shear = np.zeros_like(pressure_mpa) if shear_mpa is None else shear_mpa
     for name, traction in (("pressure_mpa", pressure_mpa), ("shear_mpa", shear)):
         if not np.isfinite(traction).all():
@@ -658,18 +661,6 @@ def _without_loads(regular: RegularStress, box: Box) -> ShearPeak:
     shear = 0.5 * np.abs(regular.difference(x[None, :], z[:, None]))
     row, col = np.unravel_index(int(shear.argmax()), shear.shape)
     return ShearPeak(float(shear[row, col]), float(x[col]), float(z[row]))
-
-
-def _material(within: PixelGrid | tuple[float, float, float, float]) -> Box:
-    """The part of a window that is in the material."""
-    if isinstance(within, PixelGrid):
-        wide, high = within.cols * within.pixel_mm, within.rows * within.pixel_mm
-        left_mm, top = within.left_mm, within.top_mm
-        within = left_mm, left_mm + wide, top, top + high
-    left_mm, right, top, bottom = within
-    if not (left_mm <= right and max(top, 0.0) <= bottom):
-        raise InputError("window_from_mm_mm", left_mm=left_mm, right=right, top=top, bottom=bottom)
-    return Box(left_mm, right, max(top, 0.0), bottom)
 
 
 def _climb(
