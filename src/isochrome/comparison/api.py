@@ -184,10 +184,9 @@ def plot_side_by_side(
         raise InputError("frame_there_counted_from", frame=frame, pairs_count=len(pairs))
     if axes is not None and len(axes) != 3:
         raise InputError("axes_side_side_row", axes_count=len(axes))
-    of_order = here.order is not None and there.order is not None
     measured, model = (part.only(at) for part, at in zip((here, there), pairs[frame], strict=True))
     (numbers,) = compare_frames(measured, model)
-    (panes,), place = _panes_of(measured, model, [(0, 0, numbers)], of_order)
+    (panes,), place = _panes_of(measured, model, [(0, 0, numbers)])
     panels: Any = axes
     if axes is None:
         from matplotlib import pyplot
@@ -224,15 +223,13 @@ def _panes_of(
     experiment: ComparedFrames,
     simulation: ComparedFrames,
     rows: Sequence[tuple[int, int, FrameMetrics]],
-    of_order: bool | None = None,
 ) -> tuple[list[tuple[Pane, ...]], Place]:
     """Experiment, simulation and difference of some pairs, each on one range; where they lie.
 
     Differences are in fringes where any pair has metrics of orders, else in signal units; the
     frames' range of grey is that which 99 % of the pixels fill.
     """
-    if of_order is None:
-        of_order = any(numbers.order_rms_fringe is not None for *_, numbers in rows)
+    of_order = any(numbers.order_rms_fringe is not None for *_, numbers in rows)
     pairs = [(experiment.signal[i], simulation.signal[j]) for i, j, _ in rows]
     gaps = []
     for (i, j, numbers), (measured, model) in zip(rows, pairs, strict=True):
@@ -285,17 +282,16 @@ _TEXT = "A comparison asks nothing of the frames: the reports of its two sets sa
 def comparison_report(
     experiment: ComparedFrames,
     simulation: ComparedFrames,
-    metrics: Sequence[FrameMetrics],
+    result: Comparison,
     record: Mapping[str, Any],
     scene: Scene | None,
 ) -> ReportContent:
     """What the report says; `record`, what provenance.json holds; `scene`: None of bare frames."""
-    columns, residual = _table(metrics), [m.rmse for m in metrics]
-    chosen = choose_frames(residual, residual)
+    metrics, columns = result.metrics, result.columns
+    chosen = choose_frames(columns["rmse"], columns["rmse"])
     pairs = frame_pairs(experiment, simulation)
-    of_order = any(m.order_rms_fringe is not None for m in metrics)
     rows = [(*pairs[one.number], metrics[one.number]) for one in chosen]
-    panes, place = _panes_of(experiment, simulation, rows, of_order)
+    panes, place = _panes_of(experiment, simulation, rows)
     frames = [
         ReportFrame(
             number=numbers.frame,
@@ -317,7 +313,7 @@ def comparison_report(
     text = "; ".join(parts)
     return ReportContent(
         command="compare",
-        title=f"Comparison of {counted(len(metrics), 'frame')}",
+        title=result.title,
         verdict=f"{text[:1].upper()}{text[1:]}.",
         frames=frames,
         choice=f"{len(chosen)} of {counted(len(metrics), 'frame')} are shown{few}.",
@@ -342,19 +338,20 @@ class Comparison(Result):
     ----------
     metrics : list of FrameMetrics
         The numbers, one entry a pair of frames.
-    columns : dict of str to list
-        The columns of metrics.csv.
+    load : callable
+        Reads both sets of frames again: a result holds numbers, not films.
     draw : callable, optional
-        Makes the figure.
-    load : callable, optional
-        Reads both sets of frames.
+        Not used: the figure is made of the sets.
     """
 
     metrics: list[FrameMetrics]
-    columns: dict[str, list[Any]]
-    load: Callable[[], tuple[ComparedFrames, ComparedFrames]] | None = field(
-        default=None, compare=False, kw_only=True
-    )
+    load: Callable[[], tuple[ComparedFrames, ComparedFrames]] = field(compare=False)
+
+    @property
+    def columns(self) -> dict[str, list[Any]]:
+        """The columns of metrics.csv; None where a number cannot be had."""
+        names = [one.name for one in fields(FrameMetrics) if one.name not in ("gain", "offset")]
+        return {name: [getattr(one, name) for one in self.metrics] for name in names}
 
     @property
     def main_columns(self) -> tuple[str, ...]:
@@ -380,13 +377,15 @@ class Comparison(Result):
         """The metrics of all frames."""
         return {"metrics": self.columns}
 
+    def figure(self) -> Figure:
+        """The pairs beside each other, with their difference, see `side_by_side`."""
+        return side_by_side(*self.load(), self.metrics)
+
     def panels(self, frames: tuple[int, ...] | None = None) -> PaperPanels:
         """Give experiment, simulation and difference for a paper; see `paper_figure`.
 
         `frames`: numbers of the pairs that are shown. Raises InputError where one is not there.
         """
-        if self.load is None:
-            raise InputError("frames_not_kept_compare", title=self.title)
         return side_by_side_panels(*self.load(), self.metrics, frames)
 
 
@@ -458,16 +457,10 @@ def compare(
     if isinstance(simulation, Scene):
         raise InputError("frames_compared_frames_simulate")
     here, there = load_frame_set(experiment), load_frame_set(simulation)
-    metrics = compare_frames(here, there)
-
-    # a result holds numbers, not films: the sets are read again
-    def load() -> tuple[ComparedFrames, ComparedFrames]:
-        return load_frame_set(experiment), load_frame_set(simulation)
-
-    def draw() -> Figure:
-        return side_by_side(*load(), metrics)
-
-    result = Comparison(metrics, _table(metrics), draw=draw, load=load)
+    result = Comparison(
+        compare_frames(here, there),
+        lambda: (load_frame_set(experiment), load_frame_set(simulation)),
+    )
     if out is not None:
         with staged(out) as folder:
             write_csv(folder / "metrics.csv", result.columns)
@@ -479,9 +472,9 @@ def compare(
             record = provenance(None, inputs)
             on_disk = all(isinstance(given, str | Path) for given in (experiment, simulation))
             record[_SETS] = [str(experiment), str(simulation)] if on_disk else None
-            write_figure(folder / "comparison.png", side_by_side(here, there, metrics))
-            scene = _scene_of(experiment)
-            write_report(folder / REPORT, comparison_report(here, there, metrics, record, scene))
+            write_figure(folder / "comparison.png", side_by_side(here, there, result.metrics))
+            report = comparison_report(here, there, result, record, _scene_of(experiment))
+            write_report(folder / REPORT, report)
             seal(folder, record)
     return result
 
@@ -499,7 +492,8 @@ def compared_again(record: Mapping[str, Any], name: str) -> ReportContent:
     if now != record.get("inputs_sha256"):
         raise InputError("another_now_not_there", name=name, sets=sets[0], sets_2=sets[1])
     here, there = (load_frame_set(one) for one in sets)
-    return comparison_report(here, there, compare_frames(here, there), record, _scene_of(sets[0]))
+    result = Comparison(compare_frames(here, there), lambda: (here, there))
+    return comparison_report(here, there, result, record, _scene_of(sets[0]))
 
 
 def _scene_of(given: SetToCompare) -> Scene | None:
@@ -509,9 +503,3 @@ def _scene_of(given: SetToCompare) -> Scene | None:
         return load_scene(file) if file.is_file() else None
     scene = getattr(given, "scene", None)
     return scene if isinstance(scene, Scene) else None
-
-
-def _table(metrics: Sequence[FrameMetrics]) -> dict[str, list[Any]]:
-    """The columns of metrics.csv; None where a number cannot be had."""
-    names = [one.name for one in fields(FrameMetrics) if one.name not in ("gain", "offset")]
-    return {name: [getattr(m, name) for m in metrics] for name in names}

@@ -70,8 +70,11 @@ def _nearest(source: Sequence[Skeleton], target: Sequence[Skeleton], by_order: b
         return line.kind, line.order if by_order else None
 
     clouds: dict[tuple[str, float | None], list[Floats]] = {}
-    for line in target:
-        clouds.setdefault(key(line), []).append(_filled_up(line))
+    for line in target:  # filled up, so that the nearest point is as near as the line itself
+        run = np.r_[0.0, np.cumsum(np.hypot(np.diff(line.rows), np.diff(line.cols)))]
+        at = np.union1d(np.arange(0.0, run[-1], _STEP_PX), run)
+        points = np.column_stack([np.interp(at, run, each) for each in (line.rows, line.cols)])
+        clouds.setdefault(key(line), []).append(points)
     trees = {name: cKDTree(np.vstack(parts)) for name, parts in clouds.items()}
     distances = [np.zeros(0)]
     for line in source:
@@ -79,15 +82,6 @@ def _nearest(source: Sequence[Skeleton], target: Sequence[Skeleton], by_order: b
         tree = trees.get(key(line))
         distances.append(np.full(len(points), np.inf) if tree is None else tree.query(points)[0])
     return np.concatenate(distances)
-
-
-def _filled_up(line: Skeleton) -> Floats:
-    """Fill a line up with points, so that the nearest point is as near as the line itself."""
-    if line.rows.size < 2:
-        return np.column_stack([line.rows, line.cols])
-    run = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(line.rows), np.diff(line.cols)))])
-    at = np.union1d(np.arange(0.0, run[-1], _STEP_PX), run)
-    return np.column_stack([np.interp(at, run, line.rows), np.interp(at, run, line.cols)])
 
 
 WRONG_BRANCH_FRINGES = 0.25

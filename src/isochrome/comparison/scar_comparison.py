@@ -46,7 +46,7 @@ from isochrome.output import (
     write_figure,
 )
 from isochrome.runs import opened_record, seal
-from isochrome.scars import LevelledTrace, UnclearScarError, levelled, read_trace
+from isochrome.scars import LevelledTrace, UnclearScarError, definite, levelled, read_trace
 from isochrome.scene import Scene, dump_scene, load_scene, parse_toml, read_text
 
 if TYPE_CHECKING:
@@ -115,8 +115,16 @@ def simulated_scars(scene: Scene, distances_m: Sequence[float]) -> list[Simulate
         raise InputError("has_no_wear_which", name=scene.name)
     worn = scene.with_values({"wear.distances_m": tuple(distances_m)})
     keys = [k for k, u in scene.uncertainties.items() if k.split(".")[0] in _PARTS and u > 0.0]
-    states = _states(worn)
-    moved = {key: tuple(_states(_shifted(worn, key, side)) for side in (1.0, -1.0)) for key in keys}
+    states, moved = _states(worn), {}
+    for key in keys:
+        value, spread = worn.get(key), scene.uncertainties[key]
+        try:
+            sides = [worn.with_values({key: value + side * spread}) for side in (1.0, -1.0)]
+        except InputError as error:
+            raise InputError(
+                "standard_uncertainty", name=scene.name, key=key, spread=spread, error=error
+            ) from error
+        moved[key] = tuple(map(_states, sides))
     return [
         _scar(state, {key: (more[i], less[i]) for key, (more, less) in moved.items()})
         for i, state in enumerate(states)
@@ -127,16 +135,6 @@ def _states(scene: Scene) -> list[SurfaceState]:
     """The worn states: the static one that may come first is left out."""
     assert scene.wear is not None
     return contact_states(scene)[-len(scene.wear.distances_m) :]
-
-
-def _shifted(scene: Scene, key: str, side: float) -> Scene:
-    spread = scene.uncertainties[key]
-    try:
-        return scene.with_values({key: scene.get(key) + side * spread})
-    except InputError as error:
-        raise InputError(
-            "standard_uncertainty", name=scene.name, key=key, spread=spread, error=error
-        ) from error
 
 
 def _scar(
@@ -180,10 +178,6 @@ def _edges(state: SurfaceState) -> tuple[float, float]:
 def simulated_text(value: float, spread: float) -> str:
     """A simulated value with its uncertainty, alone where no input's uncertainty is stated."""
     return with_uncertainty(value, spread) if spread > 0.0 else f"{value:.4g}"
-
-
-_FIRM = 1e-8
-"""Of a covariance's diagonal, added to it: rounding."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -256,7 +250,7 @@ def pair_scar(trace: LevelledTrace, scar: SimulatedScar) -> ScarPair:
     covariance += spread**2 * np.outer(slope, slope)
     difference = trace.depth_um - simulated
     d = difference[inside]
-    part = _firm(covariance[np.ix_(inside, inside)])
+    part = definite(covariance[np.ix_(inside, inside)])
     return ScarPair(
         trace=trace,
         scar=scar,
@@ -272,16 +266,11 @@ def pair_scar(trace: LevelledTrace, scar: SimulatedScar) -> ScarPair:
     )
 
 
-def _firm(covariance: Array) -> Array:
-    """A covariance (n, n) that is definite beyond rounding."""
-    return covariance + _FIRM * np.diag(np.diag(covariance))
-
-
 def _aligned(trace: LevelledTrace, scar: SimulatedScar) -> tuple[float, float]:
     """The shift (mm) of least squares, and its standard uncertainty."""
     first = trace.centre_mm - scar.centre_mm
     inside = _both(trace, scar, first)
-    root = np.linalg.cholesky(_firm(trace.depth_covariance_um2[np.ix_(inside, inside)]))
+    root = np.linalg.cholesky(definite(trace.depth_covariance_um2[np.ix_(inside, inside)]))
 
     def residual(shift: Array) -> Array:
         simulated = scar.on_bins(trace.x_mm - shift[0], scar.depth_um)
@@ -340,13 +329,6 @@ def profile_columns(name: str, pair: ScarPair) -> dict[str, Any]:
     }
 
 
-MAIN_SCAR_METRICS = (
-    "measured_area_mm2", "measured_area_uncertainty_mm2", "simulated_area_mm2",
-    "simulated_area_uncertainty_mm2", "measured_width_mm", "simulated_width_mm",
-    "difference_rms_um", "difference_chi",
-)  # fmt: skip
-"""Columns that are shown where all of them are too many."""
-
 _APART = 3.0
 """Standard uncertainties by which areas differ that a warning names."""
 
@@ -396,7 +378,11 @@ class ScarComparison(Result):
     @property
     def main_columns(self) -> tuple[str, ...]:
         """Columns that the command prints."""
-        return "trace", "distance_m", *MAIN_SCAR_METRICS
+        return (
+            "trace", "distance_m", "measured_area_mm2", "measured_area_uncertainty_mm2",
+            "simulated_area_mm2", "simulated_area_uncertainty_mm2", "measured_width_mm",
+            "simulated_width_mm", "difference_rms_um", "difference_chi",
+        )  # fmt: skip
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -472,10 +458,15 @@ class ScarComparison(Result):
             for row in rows:
                 _draw_simulated(axes, row)
 
+        def overlay(axes: Axes, row: _Row) -> None:
+            _draw_simulated(axes, row, colour=INK, lw=BOLD_PT, label="simulated")
+            _draw_traces(axes, row, lambda pair: pair.trace.depth_um)
+            add_legend(axes, loc="lower right")
+
         plots, notes = [plot("measured", measured), plot("simulated", simulated)], []
         for row in rows:
             name = f"{row[0].distance_m:g} m"
-            plots.append(plot(name, partial(_draw_overlay, row=row)))
+            plots.append(plot(name, partial(overlay, row=row)))
             gap = partial(_draw_gap, row=row)
             plots.append(plot(f"{name}, measured − simulated", gap, down=False))
             notes.append(f"{_area_text(row)}; {_difference_text(row)}.")
@@ -532,8 +523,9 @@ def _traces(
 ) -> tuple[list[Path], list[float]]:
     """Files of traces, and their distances (m)."""
     rows: list[tuple[Path, float]]
-    if isinstance(measured, str | Path) and _is_wear_set(Path(measured)):
-        measured = WearSet.read(measured)
+    given = Path(measured) if isinstance(measured, str | Path) else None
+    if given and given.is_file() and "trace" in parse_toml(read_text(given), str(given)):
+        measured = WearSet.read(given)  # no scene has traces
     if isinstance(measured, WearSet):
         rows = [(measured.path(trace.file), trace.distance_m) for trace in measured.trace]
     elif isinstance(measured, str | Path | Scene):
@@ -547,11 +539,6 @@ def _traces(
     if wrong or not rows:
         raise InputError("distances_traces_give_traces", wrong=wrong)
     return [file for file, _ in rows], [distance for _, distance in rows]
-
-
-def _is_wear_set(path: Path) -> bool:
-    """Whether a TOML file has traces, as sets of a wear calibration and no scenes have."""
-    return path.is_file() and "trace" in parse_toml(read_text(path), str(path))
 
 
 def _paired(
@@ -602,13 +589,6 @@ def _draw_traces(axes: Axes, row: _Row, depth: Callable[[ScarPair], Array]) -> N
     for number, (name, pair) in enumerate(traces):
         look = {"color": colour, "lw": LINE_PT, "alpha": 1.0 - 0.6 * number / len(traces)}
         axes.plot(pair.x_mm, depth(pair), label=plain_name(name, 24), **look)
-
-
-def _draw_overlay(axes: Axes, row: _Row) -> None:
-    """The traces of a distance over its simulated scar."""
-    _draw_simulated(axes, row, colour=INK, lw=BOLD_PT, label="simulated")
-    _draw_traces(axes, row, lambda pair: pair.trace.depth_um)
-    add_legend(axes, loc="lower right")
 
 
 def _draw_gap(axes: Axes, row: _Row) -> None:
