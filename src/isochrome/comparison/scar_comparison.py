@@ -523,9 +523,8 @@ def _traces(
 ) -> tuple[list[Path], list[float]]:
     """Files of traces, and their distances (m)."""
     rows: list[tuple[Path, float]]
-    given = Path(measured) if isinstance(measured, str | Path) else None
-    if given and given.is_file() and "trace" in parse_toml(read_text(given), str(given)):
-        measured = WearSet.read(given)  # no scene has traces
+    if isinstance(measured, str | Path) and _is_wear_set(Path(measured)):
+        measured = WearSet.read(measured)
     if isinstance(measured, WearSet):
         rows = [(measured.path(trace.file), trace.distance_m) for trace in measured.trace]
     elif isinstance(measured, str | Path | Scene):
@@ -539,6 +538,11 @@ def _traces(
     if wrong or not rows:
         raise InputError("distances_traces_give_traces", wrong=wrong)
     return [file for file, _ in rows], [distance for _, distance in rows]
+
+
+def _is_wear_set(path: Path) -> bool:
+    """Whether a TOML file has traces, as sets of a wear calibration and no scenes have."""
+    return path.is_file() and "trace" in parse_toml(read_text(path), str(path))
 
 
 def _paired(

@@ -1,5 +1,4 @@
 from .checks import Check, Finding, Level, look_through, misfits
-from .containers import begins_anew, length_bytes
 from .linear import (
     Linear,
     NoiseModel,
@@ -41,6 +40,7 @@ from .reading import (
     as_turned,
 )
 from .tiff import open_tiff
+from .video import begins_anew, length_bytes
 
 __all__ = [
     "CHANNELS",

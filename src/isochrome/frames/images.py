@@ -3,7 +3,7 @@
 What a file is by its first bytes, whatever it is called.
 
 Sources: the formats' own specifications (TIFF 6.0 and BigTIFF, PNG, JPEG, BMP, Netpbm, WebP), and
-for videos those of `frames.containers`.
+for videos those of `frames.video`.
 """
 
 import io
@@ -18,7 +18,7 @@ import numpy as np
 
 from isochrome.errors import InputError
 from isochrome.frames import reading, tiff
-from isochrome.frames.containers import container_of
+from isochrome.frames.video import container_of
 
 FileKind = Literal["tiff", "image", "video"]
 

@@ -22,12 +22,12 @@ from numpy.typing import NDArray
 from isochrome.errors import InputError, reason_of
 from isochrome.scene import ArrayFrames, FramesLike, Roi
 
-MAX_BYTES = 400_000_000
+MAX_BYTES: int = 400_000_000
 """A frame that claims more bytes is a damaged or hostile file: refused before memory is taken.
 
 Decoders hold some copies of a frame at a time."""
 
-MAX_PIXELS = MAX_BYTES // 2
+MAX_PIXELS: int = MAX_BYTES // 2
 """The same in pixels, of two bytes each at least in what is made of them."""
 
 SAME = 1e-3
