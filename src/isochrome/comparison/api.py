@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from isochrome import figures, reporting
 from isochrome.comparison.frame_sets import (
     ComparedFrames,
     FrameMetrics,
@@ -20,19 +21,6 @@ from isochrome.comparison.frame_sets import (
 )
 from isochrome.comparison.scar_comparison import ScarComparison, compare_scars
 from isochrome.errors import InputError
-from isochrome.figures import (
-    LINE_PT,
-    OVERLAY_COLOUR,
-    PaperPanels,
-    PictureKind,
-    Place,
-    add_colour_bar,
-    centred_limit,
-    chosen_frames,
-    draw_line,
-    panels_figure,
-    plain_name,
-)
 from isochrome.fringes import order_contours, skeletons
 from isochrome.output import (
     Result,
@@ -43,17 +31,6 @@ from isochrome.output import (
     staged,
     write_csv,
     write_figure,
-)
-from isochrome.reporting import (
-    FRINGES,
-    SIGNAL,
-    Pane,
-    ReportContent,
-    ReportFrame,
-    ReportTable,
-    choose_frames,
-    paper_rows,
-    write_report,
 )
 from isochrome.runs import REPORT, seal
 from isochrome.scene import ArrayFrames, Scene, dump_scene, load_scene
@@ -90,7 +67,7 @@ def side_by_side(
         foot.append(f"{len(rows)} of {len(pairs)} frames shown, evenly spaced.")
     if experiment.pixel_mm is None and simulation.pixel_mm is None:
         foot.append("No pixel scale is known.")
-    return panels_figure(replace(panels, notes=[*notes, " ".join(foot)]), "")
+    return figures.panels_figure(replace(panels, notes=[*notes, " ".join(foot)]), "")
 
 
 def side_by_side_panels(
@@ -98,13 +75,15 @@ def side_by_side_panels(
     simulation: ComparedFrames,
     metrics: Sequence[FrameMetrics],
     frames: tuple[int, ...] | None,
-) -> PaperPanels:
+) -> figures.PaperPanels:
     """The same for a paper: one scale, one grey range and one difference range for all frames.
 
     InputError where there is no pair of the numbers `frames`.
     """
     pairs = frame_pairs(experiment, simulation)
-    shown = chosen_frames(frames, len(pairs), evenly_spaced(range(len(pairs)), _ROWS_FOR_PAPER))
+    shown = figures.chosen_frames(
+        frames, len(pairs), evenly_spaced(range(len(pairs)), _ROWS_FOR_PAPER)
+    )
     chosen = [(*pairs[k], metrics[k]) for k in shown]
     panes, place = _panes_of(experiment, simulation, chosen)
 
@@ -114,11 +93,11 @@ def side_by_side_panels(
             _draw_lines(axes, simulation, chosen[k][1], place)
         return drawn
 
-    labels = [plain_name(numbers.label, _LABEL_LENGTH) for *_, numbers in chosen]
+    labels = [figures.plain_name(numbers.label, _LABEL_LENGTH) for *_, numbers in chosen]
     notes = [f"{label}: {_caption(row[2])}" for label, row in zip(labels, chosen, strict=True)]
-    return PaperPanels(
+    return figures.PaperPanels(
         kinds=[
-            PictureKind(
+            figures.PictureKind(
                 name=pane.key,
                 draw=partial(draw, column=column),
                 bar=_BARS[pane.unit] if pane.key == "difference" else "",
@@ -193,29 +172,37 @@ def plot_side_by_side(
 
         many: Any = {"figsize": (12.0, 4.0), "sharex": True, "sharey": True}
         panels = pyplot.subplots(1, 3, layout="constrained", **many)[1]
-    label = plain_name(here.label(pairs[frame][0]), _LABEL_LENGTH)
+    label = figures.plain_name(here.label(pairs[frame][0]), _LABEL_LENGTH)
     titles = (f"experiment: {label}", "simulation", "experiment − simulation")
     for one, pane, title in zip(panels, panes, titles, strict=True):
         drawn = pane.draw(one, place, title)
     if lines:
         _draw_lines(panels[0], model, 0, place)
-    add_colour_bar(drawn, _BARS[panes[2].unit])
+    figures.add_colour_bar(drawn, _BARS[panes[2].unit])
     return panels[0], panels[1], panels[2]
 
 
-def _draw_lines(axes: Axes, simulation: ComparedFrames, index: int, place: Place) -> None:
+def _draw_lines(axes: Axes, simulation: ComparedFrames, index: int, place: figures.Place) -> None:
     """Overlay the simulation's dark-fringe centre lines, thin enough to see what is below."""
     if simulation.order is not None:
         result = order_contours(simulation.order[index])
     else:
         result = skeletons(simulation.signal[index])
-    look = {"color": OVERLAY_COLOUR, "linewidth": LINE_PT, "scalex": False, "scaley": False}
+    look = {
+        "color": figures.OVERLAY_COLOUR,
+        "linewidth": figures.LINE_PT,
+        "scalex": False,
+        "scaley": False,
+    }
     for line in result:
         if line.kind == "dark":
-            draw_line(axes, line.rows, line.cols, place, **look)
+            figures.draw_line(axes, line.rows, line.cols, place, **look)
 
 
-_BARS = {FRINGES: "difference of fringe order (fringes)", SIGNAL: "difference of signal (0 to 1)"}
+_BARS = {
+    reporting.FRINGES: "difference of fringe order (fringes)",
+    reporting.SIGNAL: "difference of signal (0 to 1)",
+}
 """What stands beside the colours of the differences, by their unit."""
 
 
@@ -223,7 +210,7 @@ def _panes_of(
     experiment: ComparedFrames,
     simulation: ComparedFrames,
     rows: Sequence[tuple[int, int, FrameMetrics]],
-) -> tuple[list[tuple[Pane, ...]], Place]:
+) -> tuple[list[tuple[reporting.Pane, ...]], figures.Place]:
     """Experiment, simulation and difference of some pairs, each on one range; where they lie.
 
     Differences are in fringes where any pair has metrics of orders, else in signal units; the
@@ -240,18 +227,18 @@ def _panes_of(
     bounds = [np.nanpercentile(image, (0.5, 99.5)) for pair in pairs for image in pair]
     low, high = float(np.min(bounds)), float(np.max(bounds))
     grey = (low, high) if high > low else (low - 0.5, high + 0.5)
-    limit, unit = centred_limit(*gaps), FRINGES if of_order else SIGNAL
+    limit, unit = figures.centred_limit(*gaps), reporting.FRINGES if of_order else reporting.SIGNAL
     name = f"experiment − simulation, {'order N' if of_order else 'light'}"
-    panes: list[tuple[Pane, ...]] = [
+    panes: list[tuple[reporting.Pane, ...]] = [
         (
-            Pane("experiment", "experiment", measured, grey, SIGNAL),
-            Pane("simulation", "simulation", model, grey, SIGNAL),
-            Pane("difference", name, gap, (-limit, limit), unit),
+            reporting.Pane("experiment", "experiment", measured, grey, reporting.SIGNAL),
+            reporting.Pane("simulation", "simulation", model, grey, reporting.SIGNAL),
+            reporting.Pane("difference", name, gap, (-limit, limit), unit),
         )
         for (measured, model), gap in zip(pairs, gaps, strict=True)
     ]
     known = simulation if simulation.pixel_mm is not None else experiment
-    place: Place = {
+    place: figures.Place = {
         "pixel_mm": known.pixel_mm, "left_mm": known.left_mm, "top_mm": known.top_mm,
     }  # fmt: skip
     return panes, place
@@ -285,15 +272,15 @@ def comparison_report(
     result: Comparison,
     record: Mapping[str, Any],
     scene: Scene | None,
-) -> ReportContent:
+) -> reporting.ReportContent:
     """What the report says; `record`, what provenance.json holds; `scene`: None of bare frames."""
     metrics, columns = result.metrics, result.columns
-    chosen = choose_frames(columns["rmse"], columns["rmse"])
+    chosen = reporting.choose_frames(columns["rmse"], columns["rmse"])
     pairs = frame_pairs(experiment, simulation)
     rows = [(*pairs[one.number], metrics[one.number]) for one in chosen]
     panes, place = _panes_of(experiment, simulation, rows)
     frames = [
-        ReportFrame(
+        reporting.ReportFrame(
             number=numbers.frame,
             label=numbers.label,
             why=one.why.replace("chi", "difference"),
@@ -311,18 +298,18 @@ def comparison_report(
         parts.append(f"share on a wrong branch {over_items(columns['wrong_branch_share'])}")
     parts.append(f"correlation of the light (NCC) {over_items(columns['ncc'])}")
     text = "; ".join(parts)
-    return ReportContent(
+    return reporting.ReportContent(
         command="compare",
         title=result.title,
         verdict=f"{text[:1].upper()}{text[1:]}.",
         frames=frames,
         choice=f"{len(chosen)} of {counted(len(metrics), 'frame')} are shown{few}.",
         no_budget="A comparison has none; those of its two sets stand in their own reports.",
-        tables=[ReportTable("The metrics (metrics.csv)", columns)],
+        tables=[reporting.ReportTable("The metrics (metrics.csv)", columns)],
         causes_text=_TEXT,
         scene="" if scene is None else dump_scene(scene),
         scene_title="Scene of the experiment",
-        paper=paper_rows(scene, record),
+        paper=reporting.paper_rows(scene, record),
     )
 
 
@@ -381,7 +368,7 @@ class Comparison(Result):
         """The pairs beside each other, with their difference, see `side_by_side`."""
         return side_by_side(*self.load(), self.metrics)
 
-    def panels(self, frames: tuple[int, ...] | None = None) -> PaperPanels:
+    def panels(self, frames: tuple[int, ...] | None = None) -> figures.PaperPanels:
         """Give experiment, simulation and difference for a paper; see `paper_figure`.
 
         `frames`: numbers of the pairs that are shown. Raises InputError where one is not there.
@@ -474,12 +461,12 @@ def compare(
             record[_SETS] = [str(experiment), str(simulation)] if on_disk else None
             write_figure(folder / "comparison.png", side_by_side(here, there, result.metrics))
             report = comparison_report(here, there, result, record, _scene_of(experiment))
-            write_report(folder / REPORT, report)
+            reporting.write_report(folder / REPORT, report)
             seal(folder, record)
     return result
 
 
-def compared_again(record: Mapping[str, Any], name: str) -> ReportContent:
+def compared_again(record: Mapping[str, Any], name: str) -> reporting.ReportContent:
     """The report of two sets that were compared before, of the sets as they are on disk.
 
     `record` is the comparison's provenance.json, `name` its folder in messages. InputError where

@@ -9,16 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from isochrome import output
 from isochrome.errors import InputError, reason_of
-from isochrome.output import (
-    evenly_spaced,
-    imagej_view,
-    replacing,
-    staged,
-    write_csv,
-    write_excel_copies,
-    write_frames,
-)
 from isochrome.runs.integrity import name_damage
 from isochrome.runs.job import STORE
 from isochrome.runs.store import open_store, with_identifiers
@@ -74,7 +66,7 @@ def export(run: str | Path, to: str, out: str | Path | None = None) -> list[Path
         raise InputError("no_format_known_here", to=to, formats=", ".join(FORMATS))
     place = Path(run)
     target = Path(out) if out is not None else place
-    with open_store(place) as stored, staged(target) as folder:
+    with open_store(place) as stored, output.staged(target) as folder:
         dataset = with_identifiers(stored)
         try:
             files = _write(dataset, to, folder)
@@ -98,7 +90,7 @@ def _write(dataset: xarray.Dataset, to: str, folder: Path) -> list[Path]:
     table = _to_csv(dataset, folder / "run.csv")
     if to == "csv":
         return [table]
-    copies = write_excel_copies(folder)
+    copies = output.write_excel_copies(folder)
     table.unlink()
     return copies
 
@@ -130,7 +122,7 @@ def _to_netcdf(dataset: xarray.Dataset, path: Path) -> Path:
         import h5py
     except ImportError as error:
         raise InputError("netcdf_needs_packages_netcdf") from error
-    with replacing(path) as beside, h5netcdf.File(beside, "w") as file:
+    with output.replacing(path) as beside, h5netcdf.File(beside, "w") as file:
         file.dimensions = dict(dataset.sizes)
         for name, value in dataset.attrs.items():
             file.attrs[str(name)] = value
@@ -170,7 +162,7 @@ def _to_csv(dataset: xarray.Dataset, path: Path) -> Path:
         spread = [dataset.sizes[axis] if axis in coordinate.dims else 1 for axis in axes]
         values = np.broadcast_to(coordinate.values.reshape(spread), shape)
         columns[str(name)] = values.ravel().tolist()
-    write_csv(path, columns)
+    output.write_csv(path, columns)
     return path
 
 
@@ -183,14 +175,14 @@ def _to_tiff(dataset: xarray.Dataset, name: str, folder: Path) -> Path:
     if "x_mm" in dataset.coords and dataset.sizes["col"] > 1:
         x = dataset.x_mm.values
         pixel = float((x[-1] - x[0]) / (len(x) - 1))
-    view = imagej_view(
+    view = output.imagej_view(
         name, _span(array), labels=_labels(dataset, array), pixel_mm=pixel,
         left_mm=_edge(dataset, "x_mm", pixel),
         top_mm=_edge(dataset, "z_mm", pixel),
         times_s=_of_pictures(dataset, "time_s", array),
     )  # fmt: skip
     pictures = (values for _, values in _blocks(array))
-    write_frames(path, pictures, shape, np.dtype("<f4"), pixel_mm=pixel, metadata=view)
+    output.write_frames(path, pictures, shape, np.dtype("<f4"), pixel_mm=pixel, metadata=view)
     return path
 
 
@@ -200,7 +192,7 @@ def _span(array: xarray.DataArray) -> tuple[float, float]:
     Those are evenly spaced.
     """
     together = _kept_together(array)
-    wanted = evenly_spaced(range(len(array)), _LOOKED_AT)
+    wanted = output.evenly_spaced(range(len(array)), _LOOKED_AT)
     ends = list[float]()
     for start in sorted({together * (k // together) for k in wanted}):
         values = np.asarray(array[start : start + together].values)
