@@ -398,21 +398,14 @@ def write_summary(out: Path, scene: Scene, outcomes: Sequence[Outcome], beside: 
         ) from error
 
 
-def check_summary(out: Path) -> set[str]:
-    """Folders of recordings that a campaign has left in `out`.
-
-    Raises InputError rather than replace files of the summary's names that no campaign has left.
-    """
+def check_summary(out: Path) -> None:
+    """Refuse to replace files of the summary's names that no campaign has left."""
     path, rows = out / SUMMARIES[1], None
     present = [out / name for name in SUMMARIES if os.path.lexists(out / name)]
-    try:
+    with suppress(OSError, ValueError, KeyError, TypeError):
         rows = json.loads(path.read_text("utf-8"))["recordings"]
-        folders = {row["folder"] for row in rows if row["status"] != "failed"}
-    except (OSError, ValueError, KeyError, TypeError):
-        folders = set()
     if present and rows is None and not runs.has_own_keys(path):
         raise InputError("would_replaced_campaign_summary", there=present[0])
-    return folders
 
 
 CampaignProgress = Callable[[Tally, Tally | None], None]
@@ -576,8 +569,7 @@ def process_campaign(
     ]
     root, made = runs.working_folder(target), not target.exists()
     with runs.locked(root):
-        for link in _check_place(target, root, tasks):
-            link.unlink()  # the link, never what it points to
+        _check_place(target, root, tasks)
         runs.wipe(root)
         try:
             outcomes = _all(tasks, scene, options, workers, progress)
@@ -590,23 +582,17 @@ def process_campaign(
     return Campaign(target, scene, tuple(outcomes))
 
 
-def _check_place(target: Path, root: Path, tasks: Sequence[Task]) -> list[Path]:
-    """Refuse a folder that holds something else than recordings' results.
-
-    Returns the links that were put in the place of results since.
-    """
+def _check_place(target: Path, root: Path, tasks: Sequence[Task]) -> None:
+    """Refuse a folder that holds something else than recordings' results."""
     if not tasks:
         raise InputError("no_recordings_named_name")
     if (target / runs.PROVENANCE).exists() or runs.has_run(root):
         raise InputError("holds_results_one_recording", target=target, tasks_count=len(tasks))
-    before = check_summary(target)
-    links = [task.folder for task in tasks if task.name in before and task.folder.is_symlink()]
+    check_summary(target)
     for task in tasks:
         first = task.frames if isinstance(task.frames, str | Path) else task.frames[0]
-        place = task.folder
-        if place not in links and place.exists() and place.resolve() == Path(first).resolve():
+        if task.folder.exists() and task.folder.resolve() == Path(first).resolve():
             raise InputError("results_would_put_among", first=first)
-    return links
 
 
 def _all(

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
 from isochrome.errors import InputError
-from isochrome.frames import CHANNELS, channel_for, open_frames, open_tiff
+from isochrome.frames import CHANNELS, SAME, channel_for, open_frames, open_tiff
 from isochrome.fringes import Skeleton, order_contours, skeletons
 from isochrome.output import read_csv, read_pixel_mm
 from isochrome.processing import PICTURE, Processed, corner_of
@@ -191,9 +191,6 @@ def _ssim(measured: Floats, model: Floats, known: NDArray[np.bool_]) -> float:
     return float(local[inner].mean())
 
 
-_SCALE_TOLERANCE = 1e-3  # two pixel scales that differ by more are not on one grid
-
-
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ComparedFrames:
     """Frames of one experiment or one simulation, on one pixel grid; NaN = not known.
@@ -366,7 +363,7 @@ def frame_pairs(experiment: ComparedFrames, simulation: ComparedFrames) -> list[
             shape_2=simulation.signal.shape[1:],
         )  # fmt: skip
     scales = experiment.pixel_mm, simulation.pixel_mm
-    if None not in scales and abs(scales[0] / scales[1] - 1.0) > _SCALE_TOLERANCE:  # type: ignore[operator]
+    if None not in scales and abs(scales[0] / scales[1] - 1.0) > SAME:  # type: ignore[operator]
         raise InputError(
             "pixel_mm_experiment_simulation_frames", scales=scales[0], scales_2=scales[1]
         )

@@ -138,13 +138,9 @@ def _clipped_variance(residual: np.ndarray) -> tuple[float, int]:
     """Variance without outliers, about zero, and the number of residuals that were kept."""
     size = np.abs(residual)
     sigma = 1.4826 * float(np.median(size))
-    if sigma == 0:  # a mostly flat, rounded frame: the median tells nothing
-        sigma = float(np.sqrt(np.mean(size**2)))
     variance, count = sigma**2, size.size
     for _ in range(3):
         inner = size[size <= CLIP * np.sqrt(variance)]
-        if inner.size == 0:
-            return 0.0, size.size
         variance, count = float(np.mean(inner**2)), inner.size
     return variance, count
 

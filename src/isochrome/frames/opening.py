@@ -11,7 +11,7 @@ Where the specimen is in the frame, as the scene says: a mask image, ImageJ area
 
 import glob
 import os
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import chain
@@ -257,45 +257,42 @@ class Parts:
 
     def begins(self, start: int) -> int:
         """The frame that decoding begins with to come to frame `start`, once all are counted."""
-        before = 0
-        for source in map(self.source, range(len(self.files))):
-            count = source.extent().count
-            if start < before + count:
+        for source, before, _, extent in self._in_turn():
+            if start < before + extent.count:
                 return before + source.begins(start - before)
-            before += count
         return start
 
     def extent(self) -> reading.Extent:
         """All parts' frames, counted as surely as each of them is."""
-        done = reading.Extent(0, 0.0)
-        for number in range(len(self.files)):
-            done = _after(done, self._begin(number, done.end_s), self.source(number).extent())
-        return done
-
-    def _begin(self, number: int, end_s: float | None) -> float | None:
-        """When a part begins, counted from the first part's first frame, after an end."""
-        if number == 0 or end_s is None:
-            return end_s
-        start_s, first = self.source(number).start_s, self._sources[0].start_s
-        return None if start_s is None or first is None else max(end_s, start_s - first)
+        *_, (_, before, begin, last) = self._in_turn()
+        end = None if begin is None or last.end_s is None else begin + last.end_s
+        return reading.Extent(before + last.count, end)
 
     def frames(self, start: int) -> Generator[reading.Frame]:
         """The frames from number `start` on."""
-        done = reading.Extent(0, 0.0)
-        for number in range(len(self.files)):
-            source, before = self.source(number), done.count
-            begin, extent = self._begin(number, done.end_s), (source.listed or source.extent)()
+        for source, before, begin, extent in self._in_turn(by_packets=True):
             if before + extent.count > start:
                 for raw in source.frames(max(start - before, 0)):
                     time = None if raw.time_s is None or begin is None else begin + raw.time_s
                     yield replace(raw, index=before + raw.index, time_s=time)
-            done = _after(done, begin, extent)
 
+    def _in_turn(
+        self, *, by_packets: bool = False
+    ) -> Iterator[tuple[reading.Source, int, float | None, reading.Extent]]:
+        """Each part, the frames before it, when it begins (s), and its extent.
 
-def _after(done: reading.Extent, begin: float | None, part: reading.Extent) -> reading.Extent:
-    """The extent of the parts up to one that begins at a time (s)."""
-    end = None if begin is None or part.end_s is None else begin + part.end_s
-    return reading.Extent(done.count + part.count, end)
+        Times count from the first part's first frame; where one tells none, no later one does.
+        """
+        before, first = 0, self._sources[0].start_s
+        begin: float | None = 0.0
+        for source in map(self.source, range(len(self.files))):
+            if before and begin is not None:
+                own = source.start_s
+                begin = None if own is None or first is None else max(begin, own - first)
+            extent = ((by_packets and source.listed) or source.extent)()
+            yield source, before, begin, extent
+            before += extent.count
+            begin = None if begin is None or extent.end_s is None else begin + extent.end_s
 
 
 def open_parts(files: tuple[Path, ...], opener: Callable[[Path], reading.Source]) -> reading.Source:

@@ -162,8 +162,7 @@ class PageDecoder:
             self._tif.filehandle.seek(page.dataoffsets[0] + index * page.nbytes)
             data = self._tif.filehandle.read(page.nbytes)
             raw = np.frombuffer(data, page.dtype.newbyteorder(self._tif.byteorder))
-            dtype = reading.check_dtype(self._path, page.dtype)
-            return np.ascontiguousarray(raw.reshape(page.shape), dtype=dtype)
+            return reading.as_grey_or_rgb(self._path, raw.reshape(page.shape))
         return self._decode(page, layout.pages[index][0], index)
 
     def close(self) -> None:
@@ -218,9 +217,7 @@ class PageDecoder:
             raw = np.moveaxis(raw, 0, -1)
         elif page.axes not in ("YX", "YXS"):
             raise InputError("frame_has_axes_save", path=path, index=index, axes=page.axes)
-        if raw.ndim == 3:
-            raw = raw[..., 0] if raw.shape[2] < 3 else raw[..., :3]
-        return np.ascontiguousarray(raw, dtype=reading.check_dtype(path, raw.dtype))
+        return reading.as_grey_or_rgb(path, raw)
 
     def _pixels(self, page: Any, place: int, index: int) -> np.ndarray:
         """The page's values as they are stored."""

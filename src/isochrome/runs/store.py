@@ -20,7 +20,7 @@ from isochrome import output
 from isochrome.errors import InputError, reason_of
 from isochrome.messages import message
 from isochrome.runs import integrity
-from isochrome.runs.job import MANIFEST, RECORDS, STORE, Layer, RunFolder, RunLayout, read_checked
+from isochrome.runs.job import MANIFEST, RECORDS, STORE, Layer, RunFolder, RunLayout
 
 # xarray is imported where it is used: it takes longer to start than all that is written here
 if TYPE_CHECKING:
@@ -67,7 +67,7 @@ def open_growing(partial: Path) -> xarray.Dataset:
     Raises InputError where no run is at work there.
     """
     stores = sorted(partial.glob(f"results-*/{STORE}/zarr.json"), key=lambda f: f.stat().st_mtime)
-    manifest = read_checked(partial / MANIFEST)
+    manifest = integrity.read_checked(partial / MANIFEST)
     if not stores or manifest is None:
         raise InputError("no_run_work_there", partial=partial)
     layout = manifest["layout"]
@@ -76,7 +76,7 @@ def open_growing(partial: Path) -> xarray.Dataset:
     ((axis, count),) = layout["axes"].items()
     rows: dict[int, dict[str, Any]] = {}
     for file in sorted((stores[-1].parent.parent / RECORDS).glob("*.json")):
-        rows_now = (read_checked(file) or {"rows": ()})["rows"]
+        rows_now = (integrity.read_checked(file) or {"rows": ()})["rows"]
         rows |= dict(enumerate(rows_now, int(file.stem) * layout["chunk"]))
     columns = {
         name: column([rows.get(k, {}).get(name) for k in range(count)], axis, name)
@@ -445,8 +445,6 @@ def _is_group(file: Path) -> bool:
 
 
 FORMATS = ("netcdf", "tiff", "csv", "excel")
-_LOOKED_AT = 50
-"""Pictures of a map whose values are looked at for its range in ImageJ."""
 _PICTURE = ("row", "col")
 
 
@@ -534,7 +532,7 @@ def _blocks(variable: xarray.DataArray) -> Iterator[tuple[tuple[int, ...], np.nd
         yield (), np.asarray(variable.values)
         return
     count, *others = variable.shape[:-2]
-    together = _kept_together(variable)
+    together = int((variable.encoding.get("chunks") or (1,))[0])
     for start in range(0, count, together):
         values = np.asarray(variable[start : start + together].values)
         for k in range(len(values)):
@@ -608,23 +606,10 @@ def _to_tiff(dataset: xarray.Dataset, name: str, folder: Path) -> Path:
 
 
 def _span(array: xarray.DataArray) -> tuple[float, float]:
-    """Smallest and largest value of a map, of many pictures in some that the store keeps together.
-
-    Those are evenly spaced.
-    """
-    together = _kept_together(array)
-    wanted = output.evenly_spaced(range(len(array)), _LOOKED_AT)
-    ends = list[float]()
-    for start in sorted({together * (k // together) for k in wanted}):
-        values = np.asarray(array[start : start + together].values)
-        known = values[np.isfinite(values)]
-        ends += [float(known.min()), float(known.max())] if known.size else []
+    """Smallest and largest value of a map."""
+    known = (values[np.isfinite(values)] for _, values in _blocks(array))
+    ends = [float(end(part)) for part in known if part.size for end in (np.min, np.max)]
     return (min(ends), max(ends)) if ends else (0.0, 1.0)
-
-
-def _kept_together(array: xarray.DataArray) -> int:
-    """How many pictures of its first axis lie in a chunk of the store."""
-    return int((array.encoding.get("chunks") or (1,))[0])
 
 
 def _edge(dataset: xarray.Dataset, axis: str, pixel_mm: float | None) -> float | None:

@@ -62,7 +62,9 @@ def make_grid(scene: Scene, vary: Sequence[str] | Mapping[str, Values]) -> Sweep
         key, given = _parsed(text) if not isinstance(vary, Mapping) else (text, vary[text])
         if key in values:
             raise InputError("vary_given_twice_give", key=key)
-        values[key] = tuple(float(v) for v in given)
+        now, values[key] = scene.get(key), tuple(map(float, given))
+        if isinstance(now, int) and not isinstance(now, bool):  # a seed, a number of pixels
+            values[key] = tuple(int(v) if v.is_integer() else v for v in values[key])
         if len(set(values[key])) < len(values[key]) or not values[key]:
             raise InputError("vary_needs_values_each", key=key, values=list(values[key]))
     if not values:
@@ -70,7 +72,7 @@ def make_grid(scene: Scene, vary: Sequence[str] | Mapping[str, Values]) -> Sweep
     count = math.prod(len(given) for given in values.values())
     if count > MAX_POINTS:
         raise InputError("vary_makes_points_allowed", count=count, max_points=MAX_POINTS)
-    grid = SweepGrid(scene, {key: _whole(scene, key, given) for key, given in values.items()})
+    grid = SweepGrid(scene, values)
     for index in range(count):
         grid.scene_at(index)
     return grid
@@ -93,14 +95,6 @@ def _parsed(text: str) -> tuple[str, list[float]]:
         comma = "with points in its numbers, not commas, " if has_both else ""
         raise InputError("vary_give_key_first", text=text, comma=comma) from None
     return key.strip(), result
-
-
-def _whole(scene: Scene, key: str, values: tuple[float, ...]) -> tuple[float, ...]:
-    """Whole numbers for a key that the scene has as one: a seed, a number of pixels."""
-    now = scene.get(key)
-    if isinstance(now, int) and not isinstance(now, bool) and all(v.is_integer() for v in values):
-        return tuple(int(v) for v in values)
-    return values
 
 
 TABLE = "sweep.csv"
