@@ -16,6 +16,7 @@ from isochrome.comparison.frame_sets import (
     FrameMetrics,
     SetToCompare,
     compare_frames,
+    compare_pair,
     frame_pairs,
     load_frame_set,
 )
@@ -163,9 +164,8 @@ def plot_side_by_side(
         raise InputError("frame_there_counted_from", frame=frame, pairs_count=len(pairs))
     if axes is not None and len(axes) != 3:
         raise InputError("axes_side_side_row", axes_count=len(axes))
-    measured, model = (part.only(at) for part, at in zip((here, there), pairs[frame], strict=True))
-    (numbers,) = compare_frames(measured, model)
-    (panes,), place = _panes_of(measured, model, [(0, 0, numbers)])
+    numbers = compare_pair(here, there, frame, pairs[frame])
+    (panes,), place = _panes_of(here, there, [(*pairs[frame], numbers)])
     panels: Any = axes
     if axes is None:
         from matplotlib import pyplot
@@ -177,7 +177,7 @@ def plot_side_by_side(
     for one, pane, title in zip(panels, panes, titles, strict=True):
         drawn = pane.draw(one, place, title)
     if lines:
-        _draw_lines(panels[0], model, 0, place)
+        _draw_lines(panels[0], there, pairs[frame][1], place)
     figures.add_colour_bar(drawn, _BARS[panes[2].unit])
     return panels[0], panels[1], panels[2]
 

@@ -6,7 +6,7 @@ Residuals are experiment minus simulation. NaN is "not known" on either side and
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import compress
 from pathlib import Path
 from typing import Any
@@ -249,13 +249,6 @@ class ComparedFrames:
         """Name frame `index`: its label, or "frame 0", "frame 1" ... without labels."""
         return self.labels[index] if self.labels else f"frame {index}"
 
-    def only(self, index: int) -> ComparedFrames:
-        """Frame `index` alone."""
-        span = slice(index, index + 1)
-        order = None if self.order is None else self.order[span]
-        labels, noise = self.labels[span], self.noise_of(index)
-        return replace(self, signal=self.signal[span], order=order, labels=labels, noise=noise)
-
     def noise_of(self, index: int) -> float | None:
         """Noise of frame `index` in signal units; None when not known."""
         if self.noise is None:
@@ -326,30 +319,39 @@ class FrameMetrics:
 def compare_frames(experiment: ComparedFrames, simulation: ComparedFrames) -> list[FrameMetrics]:
     """Compare two sets frame by frame, an entry a pair; one frame is compared with every other one.
 
-    Lines for the skeleton distance come from the order maps where both sides have them, else from
-    the signals; only where both images are known. InputError where numbers, shapes or pixel scales
-    do not fit together, or a pair has no pixel to compare.
+    InputError where numbers, shapes or pixel scales do not fit together, or a pair has no pixel to
+    compare.
     """
-    result = []
-    for index, (i, j) in enumerate(frame_pairs(experiment, simulation)):
-        label = (experiment if len(experiment) >= len(simulation) else simulation).label(index)
-        measured, model = experiment.signal[i], simulation.signal[j]
-        try:
-            numbers = compare_signals(measured, model, noise=experiment.noise_of(i))
-        except InputError as error:
-            raise InputError(f"frame {index} ({label}): " + error.message) from error
-        lines = list[list[Skeleton]]()
-        if experiment.order is not None and simulation.order is not None:
-            maps = _known_in_both(experiment.order[i], simulation.order[j])
-            if np.isfinite(maps[0]).any():
-                numbers |= compare_orders(*maps)
-                lines = [order_contours(each) for each in maps]
-        lines = lines or [skeletons(each) for each in _known_in_both(measured, model)]
-        if any(lines):
-            scale = experiment.pixel_mm or simulation.pixel_mm
-            numbers |= skeleton_distance(lines[0], lines[1], pixel_mm=scale)
-        result.append(FrameMetrics(frame=index, label=label, **numbers))
-    return result
+    pairs = frame_pairs(experiment, simulation)
+    return [compare_pair(experiment, simulation, k, pair) for k, pair in enumerate(pairs)]
+
+
+def compare_pair(
+    experiment: ComparedFrames, simulation: ComparedFrames, index: int, pair: tuple[int, int]
+) -> FrameMetrics:
+    """Compare the frames of a pair, see `frame_pairs`.
+
+    Lines for the skeleton distance come from the order maps where both sides have them, else from
+    the signals; only where both images are known.
+    """
+    i, j = pair
+    label = (experiment if len(experiment) >= len(simulation) else simulation).label(index)
+    measured, model = experiment.signal[i], simulation.signal[j]
+    try:
+        numbers = compare_signals(measured, model, noise=experiment.noise_of(i))
+    except InputError as error:
+        raise InputError(f"frame {index} ({label}): " + error.message) from error
+    lines = list[list[Skeleton]]()
+    if experiment.order is not None and simulation.order is not None:
+        maps = _known_in_both(experiment.order[i], simulation.order[j])
+        if np.isfinite(maps[0]).any():
+            numbers |= compare_orders(*maps)
+            lines = [order_contours(each) for each in maps]
+    lines = lines or [skeletons(each) for each in _known_in_both(measured, model)]
+    if any(lines):
+        scale = experiment.pixel_mm or simulation.pixel_mm
+        numbers |= skeleton_distance(lines[0], lines[1], pixel_mm=scale)
+    return FrameMetrics(frame=index, label=label, **numbers)
 
 
 def frame_pairs(experiment: ComparedFrames, simulation: ComparedFrames) -> list[tuple[int, int]]:

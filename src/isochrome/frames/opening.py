@@ -287,8 +287,8 @@ class Parts:
         begin: float | None = 0.0
         for source in map(self.source, range(len(self.files))):
             if before and begin is not None:
-                own = source.start_s
-                begin = None if own is None or first is None else max(begin, own - first)
+                stamp = source.start_s
+                begin = None if stamp is None or first is None else max(begin, stamp - first)
             extent = ((by_packets and source.listed) or source.extent)()
             yield source, before, begin, extent
             before += extent.count
