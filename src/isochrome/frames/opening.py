@@ -257,7 +257,7 @@ class Parts:
 
     def begins(self, start: int) -> int:
         """The frame that decoding begins with to come to frame `start`, once all are counted."""
-        for source, before, _, extent in self._in_turn():
+        for source, before, _, extent in self._in_turn(by_packets=True):
             if start < before + extent.count:
                 return before + source.begins(start - before)
         return start

@@ -240,9 +240,6 @@ FramesPath = str | Path | Sequence[str | Path]
 _DARKEST = 0.25
 """How far below zero, in full scales, noise and a subtracted background may take a float frame."""
 
-_FAR = 300
-"""Frames that are sooner passed over than left out by opening their file anew."""
-
 
 class FrameReader:
     """Streams the frames of one source; every iteration starts at the first frame.
@@ -344,16 +341,16 @@ class FrameReader:
 
         Threads may share a reader. Raises InputError where it is bad or no longer there.
         """
-        frames: Iterator[Frame] | None = getattr(self._open, "frames", None)
-        at: int = getattr(self._open, "at", 0)
-        if frames is None or not at <= index <= at + _FAR:
-            frames, at = self.iterate(index), index
-        for frame in frames:
-            at += 1
-            if frame.index == index:
-                self._open.frames, self._open.at = frames, at
-                return frame
-        raise InputError("breaks_off_after_frames_had", path=self.path, at=at)
+        state, self._open.state = getattr(self._open, "state", None), None
+        frames: Iterator[Frame] = self.iterate(index)
+        # some are passed over where no fewer had to be decoded to come to it anew
+        if state and self.first_decoded(index) <= state[1] <= index:
+            frames = state[0]
+        frame = next((one for one in frames if one.index == index), None)
+        if frame is None:
+            raise InputError("breaks_off_after_frames_had", path=self.path, at=index)
+        self._open.state = frames, index + 1
+        return frame
 
     def _read(self, start: int, stop: int | None) -> Generator[Frame]:
         if start == stop:
