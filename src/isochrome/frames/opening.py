@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from isochrome.errors import InputError
 from isochrome.frames import images, reading, tiff, video
 from isochrome.frames.images import read_image, signature_of
+from isochrome.frames.reading import FrameReader
 from isochrome.messages import message
 from isochrome.output import SUFFIXES, read_roi_mask
 from isochrome.scene import ArrayFrames, Camera, Frames, FramesLike, Roi, Scene, frames_of
@@ -332,7 +333,7 @@ def open_frames(
     roi: Roi | None = None,
     bit_depth: int | None = None,
     leave_out: Sequence[str | Path] = (),
-) -> reading.FrameReader:
+) -> FrameReader:
     """Open captured frames: a TIFF stack, an image, a video, or a folder, list or glob of them.
 
     Several videos, or several TIFF stacks, are one recording, in natural order (part2 before
@@ -413,14 +414,14 @@ def open_frames(
             "bit_depth_does_not_fit", label=label, bit_depth=bit_depth, dtype=dtype, container=most
         )
     taken = channel or channel_for(wavelength_nm)
-    return reading.FrameReader(
+    return FrameReader(
         source, path=path, channel=taken, turn=(int(rotate_deg), flip), roi=roi, bit_depth=bit_depth
     )
 
 
 def open_scene_frames(
     path: FramesLike, scene: Scene, *, masked: bool = True, any_scale: bool = False
-) -> reading.FrameReader:
+) -> FrameReader:
     """Open captured frames as a scene says: its roi, channel, wavelength, bit depth and mask.
 
     Of a folder, files that the scene names, such as its no-load frames, are no frames. `masked` is
@@ -444,7 +445,7 @@ def reading_options(scene: Scene) -> dict[str, Any]:
     return stated | {"wavelength_nm": scene.polariscope.wavelength_nm, "bit_depth": bits}
 
 
-def input_files(reader: reading.FrameReader, scene: Scene) -> list[Path | ArrayFrames]:
+def input_files(reader: FrameReader, scene: Scene) -> list[Path | ArrayFrames]:
     """The files, or arrays in their place, that results depend on: captured, then the scene's."""
     return [*reader.files, *scene.files(of_frames=True)]
 
@@ -471,14 +472,14 @@ def absolute(frames: FramesLike, scene: Scene) -> tuple[FramesLike, Scene]:
     return located, scene.model_copy(update={"folder": (scene.folder or Path()).absolute()})
 
 
-def check_scale(reader: reading.FrameReader, camera: Camera | None) -> None:
+def check_scale(reader: FrameReader, camera: Camera | None) -> None:
     """Refuse frames whose file names another pixel size than their camera's, by more than 0.5 %."""
     ours, file = camera.pixel_mm if camera else None, reader.pixel_mm
     if ours and file and abs(file / ours - 1) > SCALE:
         raise InputError("names_mm_pixel_camera", files=reader.files[0], file=file, ours=ours)
 
 
-def with_file_scale(scene: Scene, reader: reading.FrameReader) -> Scene:
+def with_file_scale(scene: Scene, reader: FrameReader) -> Scene:
     """The scene with the pixel size that the frames' file names, where it has none itself.
 
     A disc's or ring's is left open: its rim tells it better.
