@@ -55,6 +55,9 @@ small contact at a low load lights few blocks."""
 _ALIKE = 0.04
 """Of the light's span, by which a frame may differ from a no-load picture and be one."""
 
+_DRIFT = 1.25
+"""Factor by which a lamp may have drifted from that picture, up or down."""
+
 UNLOADED = "looks_like_unloaded_specimen"
 
 
@@ -135,12 +138,13 @@ def _blocks(image: NDArray[Any], mask: NDArray[np.bool_] | None) -> Array:
 
 
 def _unlike(light: Array, picture: Array) -> float:
-    """How far a frame's light is from a picture of another exposure; inf where unknown."""
+    """How far a frame's light is from a picture whose lamp may have drifted; inf where unknown."""
     known = np.isfinite(light) & np.isfinite(picture)
     if light.shape != picture.shape or not known.any():
         return float("inf")
     here, reference = light[known], picture[known]
     gain = float(np.median(here)) / max(float(np.median(reference)), 1e-9)
+    gain = min(max(gain, 1.0 / _DRIFT), _DRIFT)
     return float(np.percentile(np.abs(here - gain * reference), _FARTHEST))
 
 

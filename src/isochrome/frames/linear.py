@@ -51,7 +51,7 @@ CLIP = 4.0
 """Residuals beyond this many standard deviations are defects or edges, not noise."""
 _SQUARE, _DEGREE = 13, 4
 """Side of a square, pixels, and degree of its polynomial."""
-_FEWEST_SQUARES = 30
+_FEWEST_SQUARES = 14
 
 
 @dataclass(frozen=True)
@@ -138,9 +138,13 @@ def _clipped_variance(residual: np.ndarray) -> tuple[float, int]:
     """Variance without outliers, about zero, and the number of residuals that were kept."""
     size = np.abs(residual)
     sigma = 1.4826 * float(np.median(size))
+    if sigma == 0:  # a mostly flat, rounded frame: the median tells nothing
+        sigma = float(np.sqrt(np.mean(size**2)))
     variance, count = sigma**2, size.size
     for _ in range(3):
         inner = size[size <= CLIP * np.sqrt(variance)]
+        if inner.size == 0:
+            return 0.0, size.size
         variance, count = float(np.mean(inner**2)), inner.size
     return variance, count
 
