@@ -209,7 +209,7 @@ class ComparedFrames:
         Outer edge of the first row, mm.
     labels : tuple of str, optional
         Labels, one a frame, such as "static" or "sliding, 31 m".
-    noise : float or ndarray of shape (frame,), optional
+    noise : ndarray of shape (frame,), optional
         Standard deviation of the signal; None where it is not known.
 
     Raises
@@ -224,7 +224,7 @@ class ComparedFrames:
     left_mm: float = 0.0
     top_mm: float = 0.0
     labels: tuple[str, ...] = ()
-    noise: float | NDArray[np.floating] | None = None
+    noise: NDArray[np.floating] | None = None
 
     def __post_init__(self) -> None:
         if self.signal.ndim != 3 or not len(self.signal):
@@ -239,8 +239,8 @@ class ComparedFrames:
             )
         if self.pixel_mm is not None and not self.pixel_mm > 0:
             raise InputError("pixel_mm_frame_set_give", pixel_mm=self.pixel_mm)
-        if self.noise is not None and np.size(self.noise) not in (1, len(self)):
-            raise InputError("noise_values_frames", size=np.size(self.noise), self_count=len(self))
+        if self.noise is not None and len(self.noise) != len(self):
+            raise InputError("noise_values_frames", size=len(self.noise), self_count=len(self))
 
     def __len__(self) -> int:
         return len(self.signal)
@@ -253,8 +253,7 @@ class ComparedFrames:
         """Noise of frame `index` in signal units; None when not known."""
         if self.noise is None:
             return None
-        every = np.ravel(np.asarray(self.noise, dtype=float))
-        value = float(every[index if every.size > 1 else 0])
+        value = float(self.noise[index])
         return value if np.isfinite(value) and value > 0 else None
 
 
