@@ -114,7 +114,7 @@ def _columns_have_words():
         room = frame.f_globals["__name__"]
         # benchmarks have tables of their own, an export has the columns that a run has, and the
         # data of a figure's curves go by what stands at its axes
-        others = ("benchmarks", "exporting", "figures.paper")
+        others = ("benchmarks", "runs.store", "figures.paper")
         if room.startswith("isochrome.") and not room.endswith(others):
             missing = [name for name in columns_ if not has_words(name, known)]
             assert not missing, (

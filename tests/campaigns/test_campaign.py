@@ -303,7 +303,7 @@ def test_many_recordings_go_side_by_side(stacks, monkeypatch):
 
     monkeypatch.setattr(run_module, "outcome_of", one)
     monkeypatch.setattr(run_module, "run_side_by_side", several)
-    monkeypatch.setattr(run_module, "processors", lambda: 2)
+    monkeypatch.setattr(run_module.runs, "processors", lambda: 2)
     for few, workers in ((stacks[:3], 2), (stacks[:3], None), (stacks, 1), (stacks, 3)):
         process_campaign(few, "scene.toml", "few", workers=workers)
         assert given == []

@@ -115,7 +115,7 @@ def test_many_frames_are_thinned_and_the_foot_says_so():
 
 @pytest.mark.long
 def test_words_stay_inside_the_figure_and_no_global_state_is_left(tmp_path):
-    experiment, simulation = frame_sets(2, noise=0.01)
+    experiment, simulation = frame_sets(2, noise=np.full(2, 0.01))
     figure = drawn(experiment, simulation)
     assert not outside(drawn_texts(figure), figure)
     before = dict(matplotlib.rcParams)

@@ -128,7 +128,7 @@ def test_any_bytes_are_looked_at_without_failing(data, length):
 
 def places_of(path):
     """What the packets alone tell of a video."""
-    module = importlib.import_module("isochrome.frames.containers")
+    module = importlib.import_module("isochrome.frames.video")
     return module.by_packets(path, "mp4" if path.suffix == ".mp4" else "matroska")
 
 

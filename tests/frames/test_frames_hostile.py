@@ -17,7 +17,7 @@ from PIL import Image
 from recordings import COLS, COUNT, EVEN, MOVING, ROWS, STILL, decoded, stack, video
 from skimage.draw import polygon2mask
 
-import isochrome.frames.containers as decoding
+import isochrome.frames.video as decoding
 from isochrome.errors import InputError
 from isochrome.frames import open_frames, open_scene_frames
 from isochrome.output import write_tiff

@@ -25,57 +25,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from isochrome import figures, output, runs
 from isochrome.errors import InputError, IsochromeError, PhysicsError
-from isochrome.figures import (
-    BAND,
-    FINE_PT,
-    GREY,
-    KEY_LABELS,
-    LINE_COLOURS,
-    LINE_PT,
-    VALUE_MAP,
-    PaperPanels,
-    Plot,
-    chosen_frames,
-    draw_band,
-    panels_figure,
-    plain_name,
-    style_axes,
-)
 from isochrome.frames import FramesPath, recordings_of
 from isochrome.messages import message
-from isochrome.output import (
-    Result,
-    columns_of,
-    counted,
-    load_roifile,
-    numbers,
-    output_folder,
-    over_items,
-    sha256,
-    write_csv,
-    write_figure,
-)
 from isochrome.processing import SPREAD, Processed, check_scene, process
 from isochrome.progress import RunProgress, Tally
-from isochrome.runs import (
-    PROVENANCE,
-    WORKING,
-    NoCluster,
-    Stopped,
-    WorkersLost,
-    environment,
-    has_own_keys,
-    has_run,
-    in_flight,
-    locked,
-    open_run,
-    processors,
-    seal,
-    wipe,
-    worker_pool,
-    working_folder,
-)
 from isochrome.scene import Scene, SceneLike, dump_scene, load_scene
 
 if TYPE_CHECKING:
@@ -122,8 +77,8 @@ def _plain(name: str) -> str:
     """A name that is a folder's on every system, and none of the campaign's own files'."""
     text = re.sub(r'[<>:"/\\|?*\x00-\x1f\x7f\ud800-\udfff]', "_", name)
     text = text.encode()[:_LONGEST].decode(errors="ignore").strip(" .")
-    if text.casefold().endswith(WORKING):
-        text = f"{text[: -len(WORKING)]}_{WORKING[1:]}"
+    if text.casefold().endswith(runs.WORKING):
+        text = f"{text[: -len(runs.WORKING)]}_{runs.WORKING[1:]}"
     if _DEVICE.fullmatch(text) or text.casefold() in SUMMARIES:
         text = f"_{text}"
     return text or "recording"
@@ -175,7 +130,7 @@ def outcome_of(
         if task.folder.is_symlink():
             raise InputError("symbolic_link_results_put", folder=task.folder)
         result = process(task.frames, scene, task.folder, progress=progress, **options)
-    except NoCluster:
+    except runs.NoCluster:
         raise
     except IsochromeError as error:
         return failed(task, error)
@@ -210,7 +165,7 @@ def _read(task: Task, processed: Processed) -> Outcome:
     status = "flagged" if flagged or processed.failed else "ok"
     row = _row(task, "failed" if processed.failed == count else status)
     chi = _known(table, "chi")
-    with open_run(task.folder) as dataset:
+    with runs.open_run(task.folder) as dataset:
         times = dataset.time_s.values
     row |= {
         "frames": count,
@@ -231,15 +186,15 @@ def _read(task: Task, processed: Processed) -> Outcome:
         row[f"{key} median_{SPREAD}"] = _of_known(np.median, spread)
     if processed.failed:
         row["error"] = message("frames_could_not_processed", failed=processed.failed, count=count)
-    record = json.loads((task.folder / PROVENANCE).read_text("utf-8"))
+    record = json.loads((task.folder / runs.PROVENANCE).read_text("utf-8"))
     drawn = ("distance_m", "frame", *keys, *(f"{key} {SPREAD}" for key in keys))
-    curves = {name: numbers(table[name])[:: -(-count // _POINTS)] for name in drawn}
+    curves = {name: output.numbers(table[name])[:: -(-count // _POINTS)] for name in drawn}
     code = InputError.exit_code if processed.failed else 0
     return Outcome(row, record["inputs_sha256"], code, processed.already, curves)
 
 
 def _known(table: Mapping[str, Sequence[Any]], name: str) -> Array:
-    values = numbers(table[name]) if name in table else np.empty(0)
+    values = output.numbers(table[name]) if name in table else np.empty(0)
     return values[np.isfinite(values)]
 
 
@@ -255,7 +210,7 @@ def _hashes(frames: FramesPath) -> dict[str, str]:
             for file in sorted(place.iterdir()) if place.is_dir() else [place]:
                 with suppress(InputError, OSError):
                     if file.is_file():
-                        result[str(file)] = sha256(file)
+                        result[str(file)] = output.sha256(file)
     return result
 
 
@@ -275,12 +230,12 @@ def run_side_by_side(
                 for number, outcome in pool:
                     del waiting[number]
                     yield number, outcome
-        except WorkersLost:
+        except runs.WorkersLost:
             for number in list(waiting)[:workers]:  # as many as are given out at a time, in order
                 task = waiting.pop(number)
                 try:
                     ((_, outcome),) = _by_pool({number: task}, scene, options, 1)
-                except WorkersLost as error:
+                except runs.WorkersLost as error:
                     lost = InputError("process_worked_killed_twice")
                     lost.__cause__ = error
                     outcome = failed(task, lost)
@@ -291,12 +246,12 @@ def _by_pool(
     tasks: Mapping[int, Task], scene: Scene, options: Mapping[str, Any], workers: int
 ) -> Generator[tuple[int, Outcome]]:
     given, by_one = dict(tasks), {**options, "workers": 1}
-    with worker_pool(workers) as pool:
+    with runs.worker_pool(workers) as pool:
 
         def submit(number: int) -> Future[Outcome]:
             return pool.submit(outcome_of, given[number], scene, by_one)
 
-        yield from in_flight(submit, list(given), workers)
+        yield from runs.in_flight(submit, list(given), workers)
 
 
 DRAWN = ("load.normal_n", "friction.coefficient")
@@ -319,29 +274,29 @@ def summary_figure(name: str, outcomes: Sequence[Outcome]) -> Figure | None:
     """
     panels = _panels(outcomes, range(len(outcomes)))
     failed = sum(item.row["status"] == "failed" for item in outcomes)
-    head = f"{plain_name(name)}: {counted(len(outcomes), 'recording')}"
+    head = f"{figures.plain_name(name)}: {output.counted(len(outcomes), 'recording')}"
     head += f", {failed} of them failed" if failed else ""
     head += "\nmean, and scatter over the frames (standard deviation; cross: nothing was found)"
     if len(outcomes) <= _BANDED:
-        head += f"; each frame, band ± {BAND:g} standard uncertainties"
-    return panels_figure(panels, head) if panels.plots else None
+        head += f"; each frame, band ± {figures.BAND:g} standard uncertainties"
+    return figures.panels_figure(panels, head) if panels.plots else None
 
 
-def _panels(every: Sequence[Outcome], rows: Sequence[int]) -> PaperPanels:
+def _panels(every: Sequence[Outcome], rows: Sequence[int]) -> figures.PaperPanels:
     """The plots of some recordings by their numbers; none where no value of DRAWN was fitted."""
     chosen = [every[k] for k in rows]
     keys = [key for key in DRAWN if any(f"{key} mean" in item.row for item in chosen)]
     if not keys:
-        return PaperPanels()
+        return figures.PaperPanels()
     # at distances, where a recording has several
     slid = [item.curves.get("distance_m", np.empty(0)) for item in chosen]
     slides = any(np.unique(d[np.isfinite(d)]).size > 1 for d in slid)
     across, label = ("distance_m", "sliding distance (m)") if slides else ("frame", "frame")
-    colours: list[Any] = list(LINE_COLOURS[: len(chosen)])
+    colours: list[Any] = list(figures.LINE_COLOURS[: len(chosen)])
     if len(colours) < len(chosen):  # too many to be told apart: they go with the order
         from matplotlib import colormaps
 
-        colours = list(colormaps[VALUE_MAP](np.linspace(0.0, 0.92, len(chosen))))
+        colours = list(colormaps[figures.VALUE_MAP](np.linspace(0.0, 0.92, len(chosen))))
 
     def over(key: str, axes: Axes) -> None:
         _over_recordings(axes, key, chosen, colours)
@@ -349,17 +304,19 @@ def _panels(every: Sequence[Outcome], rows: Sequence[int]) -> PaperPanels:
         places = range(0, len(rows), -(-len(rows) // 8))
         axes.set_xlim(-0.6, len(rows) - 0.4)
         axes.set_xticks(places, [str(rows[k] + 1) for k in places])
-        style_axes(axes, x_label="recording", z_label=KEY_LABELS[key])
+        figures.style_axes(axes, x_label="recording", z_label=figures.KEY_LABELS[key])
 
     def within(key: str, axes: Axes) -> None:
         _within(axes, key, chosen, colours, across)
-        style_axes(axes, x_label=label, z_label=KEY_LABELS[key])
+        figures.style_axes(axes, x_label=label, z_label=figures.KEY_LABELS[key])
 
     draws = (("mean", over), ("each frame", within))
-    plots = [Plot(title=name, draw=partial(draw, key)) for key in keys for name, draw in draws]
-    named = [f"{k + 1} {plain_name(str(every[k].row['folder']), _LETTERS)}" for k in rows]
+    plots = [
+        figures.Plot(title=name, draw=partial(draw, key)) for key in keys for name, draw in draws
+    ]
+    named = [f"{k + 1} {figures.plain_name(str(every[k].row['folder']), _LETTERS)}" for k in rows]
     note = "Recordings: " + ("; ".join(named) if len(rows) <= _NAMED else "as in summary.csv")
-    return PaperPanels(plots=plots, plots_across=2, notes=(note,))
+    return figures.PaperPanels(plots=plots, plots_across=2, notes=(note,))
 
 
 def _over_recordings(
@@ -370,11 +327,11 @@ def _over_recordings(
         mean = item.row.get(f"{key} mean")
         if mean is None:
             foot = axes.get_xaxis_transform()
-            axes.plot(place, 0.03, "x", color=GREY, ms=5, transform=foot, clip_on=False)
+            axes.plot(place, 0.03, "x", color=figures.GREY, ms=5, transform=foot, clip_on=False)
             continue
         scatter = item.row[f"{key} standard_deviation"] or 0.0
         axes.errorbar(
-            place, mean, yerr=scatter, fmt="o", color=colour, ms=4.5, capsize=3, lw=LINE_PT
+            place, mean, yerr=scatter, fmt="o", color=colour, ms=4.5, capsize=3, lw=figures.LINE_PT
         )
 
 
@@ -389,9 +346,11 @@ def _within(
         marker = "o" if len(x) < 15 else None
         if len(outcomes) <= _BANDED:
             spread = item.curves[f"{key} {SPREAD}"]
-            draw_band(axes, x, y, spread, colour=colour, lw=LINE_PT, marker=marker, ms=3)
+            figures.draw_band(
+                axes, x, y, spread, colour=colour, lw=figures.LINE_PT, marker=marker, ms=3
+            )
         else:
-            axes.plot(x, y, color=colour, lw=FINE_PT, alpha=0.7, marker=marker, ms=3)
+            axes.plot(x, y, color=colour, lw=figures.FINE_PT, alpha=0.7, marker=marker, ms=3)
 
 
 _LAST = ("kept_share", "warnings", "error")
@@ -399,7 +358,7 @@ _LAST = ("kept_share", "warnings", "error")
 
 def tabulate_campaign(rows: Sequence[dict[str, Any]]) -> dict[str, list[Any]]:
     """The columns of summary.csv: what all recordings have, the keys of any, and what is said."""
-    columns = columns_of(rows)
+    columns = output.columns_of(rows)
     return columns | {name: columns.pop(name, [None] * len(rows)) for name in _LAST}
 
 
@@ -407,7 +366,7 @@ def summary_of(scene: Scene, outcomes: Sequence[Outcome]) -> dict[str, Any]:
     """What summary.json holds: version, scene, and each recording's row with its files' hashes."""
     text = dump_scene(scene)
     return {
-        **environment(),
+        **runs.environment(),
         "scene": text,
         "scene_sha256": hashlib.sha256(text.encode()).hexdigest(),
         "recordings": [item.row | {"inputs_sha256": item.inputs} for item in outcomes],
@@ -419,15 +378,15 @@ def write_summary(out: Path, scene: Scene, outcomes: Sequence[Outcome], beside: 
 
     They are made in a folder `beside` the results, on the same drive.
     """
-    folder = output_folder(out)
+    folder = output.output_folder(out)
     table, summary, picture = SUMMARIES
     figure = summary_figure(scene.name, outcomes)
     try:
-        write_csv(beside / table, tabulate_campaign([item.row for item in outcomes]))
+        output.write_csv(beside / table, tabulate_campaign([item.row for item in outcomes]))
         if figure is not None:
-            write_figure(beside / picture, figure)
+            output.write_figure(beside / picture, figure)
         written = [name for name in (table, picture) if (beside / name).exists()]
-        seal(beside, summary_of(scene, outcomes), file=summary, names=written)
+        runs.seal(beside, summary_of(scene, outcomes), file=summary, names=written)
         for name in (summary, table, picture):  # first what says whose they are
             if (beside / name).exists():
                 os.replace(beside / name, folder / name)
@@ -439,21 +398,14 @@ def write_summary(out: Path, scene: Scene, outcomes: Sequence[Outcome], beside: 
         ) from error
 
 
-def check_summary(out: Path) -> set[str]:
-    """Folders of recordings that a campaign has left in `out`.
-
-    Raises InputError rather than replace files of the summary's names that no campaign has left.
-    """
+def check_summary(out: Path) -> None:
+    """Refuse to replace files of the summary's names that no campaign has left."""
     path, rows = out / SUMMARIES[1], None
     present = [out / name for name in SUMMARIES if os.path.lexists(out / name)]
-    try:
+    with suppress(OSError, ValueError, KeyError, TypeError):
         rows = json.loads(path.read_text("utf-8"))["recordings"]
-        folders = {row["folder"] for row in rows if row["status"] != "failed"}
-    except (OSError, ValueError, KeyError, TypeError):
-        folders = set()
-    if present and rows is None and not has_own_keys(path):
+    if present and rows is None and not runs.has_own_keys(path):
         raise InputError("would_replaced_campaign_summary", there=present[0])
-    return folders
 
 
 CampaignProgress = Callable[[Tally, Tally | None], None]
@@ -464,7 +416,7 @@ The second is None where none is, or several are.
 
 
 @dataclass(frozen=True, repr=False)
-class Campaign(Result):
+class Campaign(output.Result):
     """A finished campaign.
 
     Parameters
@@ -516,7 +468,7 @@ class Campaign(Result):
     def title(self) -> str:
         """The scene and how many recordings there are."""
         failed = f", {len(self.failed)} of them failed" if self.failed else ""
-        count = counted(len(self.outcomes), "recording")
+        count = output.counted(len(self.outcomes), "recording")
         return f"Campaign of {count} by {self.scene.name}{failed}"
 
     def main_values(self) -> Iterator[tuple[str, str]]:
@@ -524,7 +476,7 @@ class Campaign(Result):
         columns = self.columns
         for name in columns:
             if name.endswith(" mean") or name == "chi_median":
-                yield name, over_items(columns[name], items="recordings")
+                yield name, output.over_items(columns[name], items="recordings")
 
     def figure(self) -> Figure:
         """Load and friction of each recording. Raises InputError where neither was fitted."""
@@ -533,14 +485,14 @@ class Campaign(Result):
             raise InputError("neither_load_nor_friction", title=self.title)
         return figure
 
-    def panels(self, frames: tuple[int, ...] | None = None) -> PaperPanels:
+    def panels(self, frames: tuple[int, ...] | None = None) -> figures.PaperPanels:
         """Give load and friction for a paper; see `paper_figure`.
 
         `frames`: numbers of the recordings that are shown, by default all. Raises InputError where
         neither was fitted in them.
         """
         count = len(self.outcomes)
-        rows = chosen_frames(frames, count, range(count), items="recordings")
+        rows = figures.chosen_frames(frames, count, range(count), items="recordings")
         panels = _panels(self.outcomes, rows)
         if not panels.plots:
             raise InputError("neither_load_nor_friction", title=self.title)
@@ -607,7 +559,7 @@ def process_campaign(
     if workers is not None and workers < 1:
         raise InputError("workers_give_more", workers=workers)
     if options.get("rois"):
-        load_roifile()
+        output.load_roifile()
     if isinstance(recordings, str | Path):
         recordings = recordings_of([recordings])
     target = Path(out)
@@ -615,11 +567,10 @@ def process_campaign(
         Task(frames, name, target / name)
         for frames, name in zip(recordings, folder_names(recordings), strict=True)
     ]
-    root, made = working_folder(target), not target.exists()
-    with locked(root):
-        for link in _check_place(target, root, tasks):
-            link.unlink()  # the link, never what it points to
-        wipe(root)
+    root, made = runs.working_folder(target), not target.exists()
+    with runs.locked(root):
+        _check_place(target, root, tasks)
+        runs.wipe(root)
         try:
             outcomes = _all(tasks, scene, options, workers, progress)
         finally:
@@ -627,27 +578,21 @@ def process_campaign(
                 with suppress(OSError):  # not empty: the results are there
                     target.rmdir()
         write_summary(target, scene, outcomes, root)
-        wipe(root)
+        runs.wipe(root)
     return Campaign(target, scene, tuple(outcomes))
 
 
-def _check_place(target: Path, root: Path, tasks: Sequence[Task]) -> list[Path]:
-    """Refuse a folder that holds something else than recordings' results.
-
-    Returns the links that were put in the place of results since.
-    """
+def _check_place(target: Path, root: Path, tasks: Sequence[Task]) -> None:
+    """Refuse a folder that holds something else than recordings' results."""
     if not tasks:
         raise InputError("no_recordings_named_name")
-    if (target / PROVENANCE).exists() or has_run(root):
+    if (target / runs.PROVENANCE).exists() or runs.has_run(root):
         raise InputError("holds_results_one_recording", target=target, tasks_count=len(tasks))
-    before = check_summary(target)
-    links = [task.folder for task in tasks if task.name in before and task.folder.is_symlink()]
+    check_summary(target)
     for task in tasks:
         first = task.frames if isinstance(task.frames, str | Path) else task.frames[0]
-        place = task.folder
-        if place not in links and place.exists() and place.resolve() == Path(first).resolve():
+        if task.folder.exists() and task.folder.resolve() == Path(first).resolve():
             raise InputError("results_would_put_among", first=first)
-    return links
 
 
 def _all(
@@ -666,7 +611,7 @@ def _all(
             flagged = sum(item.row["status"] != "ok" for item in result.values())
             progress(Tally(len(result), len(tasks), before, flagged), frames)
 
-    most = 1 if options.get("cluster") else workers or processors()
+    most = 1 if options.get("cluster") else workers or runs.processors()
     by_one = {**options, "workers": workers}
     # many recordings are done side by side; few share out their frames
     outcomes = (
@@ -683,7 +628,7 @@ def _all(
     except KeyboardInterrupt:
         text = message(
             "stopped_finished_kept_run", result_count=len(result),
-            counted=counted(len(tasks), "recording"), parent=tasks[0].folder.parent,
+            counted=output.counted(len(tasks), "recording"), parent=tasks[0].folder.parent,
         )  # fmt: skip
-        raise Stopped(text) from None
+        raise runs.Stopped(text) from None
     return [result[number] for number in range(len(tasks))]

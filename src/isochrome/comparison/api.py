@@ -10,29 +10,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from isochrome import figures, reporting
 from isochrome.comparison.frame_sets import (
     ComparedFrames,
     FrameMetrics,
     SetToCompare,
     compare_frames,
+    compare_pair,
     frame_pairs,
     load_frame_set,
 )
 from isochrome.comparison.scar_comparison import ScarComparison, compare_scars
 from isochrome.errors import InputError
-from isochrome.figures import (
-    LINE_PT,
-    OVERLAY_COLOUR,
-    PaperPanels,
-    PictureKind,
-    Place,
-    add_colour_bar,
-    centred_limit,
-    chosen_frames,
-    draw_line,
-    panels_figure,
-    plain_name,
-)
 from isochrome.fringes import order_contours, skeletons
 from isochrome.output import (
     Result,
@@ -43,17 +32,6 @@ from isochrome.output import (
     staged,
     write_csv,
     write_figure,
-)
-from isochrome.reporting import (
-    FRINGES,
-    SIGNAL,
-    Pane,
-    ReportContent,
-    ReportFrame,
-    ReportTable,
-    choose_frames,
-    paper_rows,
-    write_report,
 )
 from isochrome.runs import REPORT, seal
 from isochrome.scene import ArrayFrames, Scene, dump_scene, load_scene
@@ -90,7 +68,7 @@ def side_by_side(
         foot.append(f"{len(rows)} of {len(pairs)} frames shown, evenly spaced.")
     if experiment.pixel_mm is None and simulation.pixel_mm is None:
         foot.append("No pixel scale is known.")
-    return panels_figure(replace(panels, notes=[*notes, " ".join(foot)]), "")
+    return figures.panels_figure(replace(panels, notes=[*notes, " ".join(foot)]), "")
 
 
 def side_by_side_panels(
@@ -98,13 +76,15 @@ def side_by_side_panels(
     simulation: ComparedFrames,
     metrics: Sequence[FrameMetrics],
     frames: tuple[int, ...] | None,
-) -> PaperPanels:
+) -> figures.PaperPanels:
     """The same for a paper: one scale, one grey range and one difference range for all frames.
 
     InputError where there is no pair of the numbers `frames`.
     """
     pairs = frame_pairs(experiment, simulation)
-    shown = chosen_frames(frames, len(pairs), evenly_spaced(range(len(pairs)), _ROWS_FOR_PAPER))
+    shown = figures.chosen_frames(
+        frames, len(pairs), evenly_spaced(range(len(pairs)), _ROWS_FOR_PAPER)
+    )
     chosen = [(*pairs[k], metrics[k]) for k in shown]
     panes, place = _panes_of(experiment, simulation, chosen)
 
@@ -114,11 +94,11 @@ def side_by_side_panels(
             _draw_lines(axes, simulation, chosen[k][1], place)
         return drawn
 
-    labels = [plain_name(numbers.label, _LABEL_LENGTH) for *_, numbers in chosen]
+    labels = [figures.plain_name(numbers.label, _LABEL_LENGTH) for *_, numbers in chosen]
     notes = [f"{label}: {_caption(row[2])}" for label, row in zip(labels, chosen, strict=True)]
-    return PaperPanels(
+    return figures.PaperPanels(
         kinds=[
-            PictureKind(
+            figures.PictureKind(
                 name=pane.key,
                 draw=partial(draw, column=column),
                 bar=_BARS[pane.unit] if pane.key == "difference" else "",
@@ -184,39 +164,45 @@ def plot_side_by_side(
         raise InputError("frame_there_counted_from", frame=frame, pairs_count=len(pairs))
     if axes is not None and len(axes) != 3:
         raise InputError("axes_side_side_row", axes_count=len(axes))
-    of_order = here.order is not None and there.order is not None
-    measured, model = (part.only(at) for part, at in zip((here, there), pairs[frame], strict=True))
-    (numbers,) = compare_frames(measured, model)
-    (panes,), place = _panes_of(measured, model, [(0, 0, numbers)], of_order)
+    numbers = compare_pair(here, there, frame, pairs[frame])
+    (panes,), place = _panes_of(here, there, [(*pairs[frame], numbers)])
     panels: Any = axes
     if axes is None:
         from matplotlib import pyplot
 
         many: Any = {"figsize": (12.0, 4.0), "sharex": True, "sharey": True}
         panels = pyplot.subplots(1, 3, layout="constrained", **many)[1]
-    label = plain_name(here.label(pairs[frame][0]), _LABEL_LENGTH)
+    label = figures.plain_name(here.label(pairs[frame][0]), _LABEL_LENGTH)
     titles = (f"experiment: {label}", "simulation", "experiment − simulation")
     for one, pane, title in zip(panels, panes, titles, strict=True):
         drawn = pane.draw(one, place, title)
     if lines:
-        _draw_lines(panels[0], model, 0, place)
-    add_colour_bar(drawn, _BARS[panes[2].unit])
+        _draw_lines(panels[0], there, pairs[frame][1], place)
+    figures.add_colour_bar(drawn, _BARS[panes[2].unit])
     return panels[0], panels[1], panels[2]
 
 
-def _draw_lines(axes: Axes, simulation: ComparedFrames, index: int, place: Place) -> None:
+def _draw_lines(axes: Axes, simulation: ComparedFrames, index: int, place: figures.Place) -> None:
     """Overlay the simulation's dark-fringe centre lines, thin enough to see what is below."""
     if simulation.order is not None:
         result = order_contours(simulation.order[index])
     else:
         result = skeletons(simulation.signal[index])
-    look = {"color": OVERLAY_COLOUR, "linewidth": LINE_PT, "scalex": False, "scaley": False}
+    look = {
+        "color": figures.OVERLAY_COLOUR,
+        "linewidth": figures.LINE_PT,
+        "scalex": False,
+        "scaley": False,
+    }
     for line in result:
         if line.kind == "dark":
-            draw_line(axes, line.rows, line.cols, place, **look)
+            figures.draw_line(axes, line.rows, line.cols, place, **look)
 
 
-_BARS = {FRINGES: "difference of fringe order (fringes)", SIGNAL: "difference of signal (0 to 1)"}
+_BARS = {
+    reporting.FRINGES: "difference of fringe order (fringes)",
+    reporting.SIGNAL: "difference of signal (0 to 1)",
+}
 """What stands beside the colours of the differences, by their unit."""
 
 
@@ -224,15 +210,13 @@ def _panes_of(
     experiment: ComparedFrames,
     simulation: ComparedFrames,
     rows: Sequence[tuple[int, int, FrameMetrics]],
-    of_order: bool | None = None,
-) -> tuple[list[tuple[Pane, ...]], Place]:
+) -> tuple[list[tuple[reporting.Pane, ...]], figures.Place]:
     """Experiment, simulation and difference of some pairs, each on one range; where they lie.
 
     Differences are in fringes where any pair has metrics of orders, else in signal units; the
     frames' range of grey is that which 99 % of the pixels fill.
     """
-    if of_order is None:
-        of_order = any(numbers.order_rms_fringe is not None for *_, numbers in rows)
+    of_order = any(numbers.order_rms_fringe is not None for *_, numbers in rows)
     pairs = [(experiment.signal[i], simulation.signal[j]) for i, j, _ in rows]
     gaps = []
     for (i, j, numbers), (measured, model) in zip(rows, pairs, strict=True):
@@ -243,18 +227,18 @@ def _panes_of(
     bounds = [np.nanpercentile(image, (0.5, 99.5)) for pair in pairs for image in pair]
     low, high = float(np.min(bounds)), float(np.max(bounds))
     grey = (low, high) if high > low else (low - 0.5, high + 0.5)
-    limit, unit = centred_limit(*gaps), FRINGES if of_order else SIGNAL
+    limit, unit = figures.centred_limit(*gaps), reporting.FRINGES if of_order else reporting.SIGNAL
     name = f"experiment − simulation, {'order N' if of_order else 'light'}"
-    panes: list[tuple[Pane, ...]] = [
+    panes: list[tuple[reporting.Pane, ...]] = [
         (
-            Pane("experiment", "experiment", measured, grey, SIGNAL),
-            Pane("simulation", "simulation", model, grey, SIGNAL),
-            Pane("difference", name, gap, (-limit, limit), unit),
+            reporting.Pane("experiment", "experiment", measured, grey, reporting.SIGNAL),
+            reporting.Pane("simulation", "simulation", model, grey, reporting.SIGNAL),
+            reporting.Pane("difference", name, gap, (-limit, limit), unit),
         )
         for (measured, model), gap in zip(pairs, gaps, strict=True)
     ]
     known = simulation if simulation.pixel_mm is not None else experiment
-    place: Place = {
+    place: figures.Place = {
         "pixel_mm": known.pixel_mm, "left_mm": known.left_mm, "top_mm": known.top_mm,
     }  # fmt: skip
     return panes, place
@@ -285,19 +269,18 @@ _TEXT = "A comparison asks nothing of the frames: the reports of its two sets sa
 def comparison_report(
     experiment: ComparedFrames,
     simulation: ComparedFrames,
-    metrics: Sequence[FrameMetrics],
+    result: Comparison,
     record: Mapping[str, Any],
     scene: Scene | None,
-) -> ReportContent:
+) -> reporting.ReportContent:
     """What the report says; `record`, what provenance.json holds; `scene`: None of bare frames."""
-    columns, residual = _table(metrics), [m.rmse for m in metrics]
-    chosen = choose_frames(residual, residual)
+    metrics, columns = result.metrics, result.columns
+    chosen = reporting.choose_frames(columns["rmse"], columns["rmse"])
     pairs = frame_pairs(experiment, simulation)
-    of_order = any(m.order_rms_fringe is not None for m in metrics)
     rows = [(*pairs[one.number], metrics[one.number]) for one in chosen]
-    panes, place = _panes_of(experiment, simulation, rows, of_order)
+    panes, place = _panes_of(experiment, simulation, rows)
     frames = [
-        ReportFrame(
+        reporting.ReportFrame(
             number=numbers.frame,
             label=numbers.label,
             why=one.why.replace("chi", "difference"),
@@ -315,18 +298,18 @@ def comparison_report(
         parts.append(f"share on a wrong branch {over_items(columns['wrong_branch_share'])}")
     parts.append(f"correlation of the light (NCC) {over_items(columns['ncc'])}")
     text = "; ".join(parts)
-    return ReportContent(
+    return reporting.ReportContent(
         command="compare",
-        title=f"Comparison of {counted(len(metrics), 'frame')}",
+        title=result.title,
         verdict=f"{text[:1].upper()}{text[1:]}.",
         frames=frames,
         choice=f"{len(chosen)} of {counted(len(metrics), 'frame')} are shown{few}.",
         no_budget="A comparison has none; those of its two sets stand in their own reports.",
-        tables=[ReportTable("The metrics (metrics.csv)", columns)],
+        tables=[reporting.ReportTable("The metrics (metrics.csv)", columns)],
         causes_text=_TEXT,
         scene="" if scene is None else dump_scene(scene),
         scene_title="Scene of the experiment",
-        paper=paper_rows(scene, record),
+        paper=reporting.paper_rows(scene, record),
     )
 
 
@@ -342,19 +325,20 @@ class Comparison(Result):
     ----------
     metrics : list of FrameMetrics
         The numbers, one entry a pair of frames.
-    columns : dict of str to list
-        The columns of metrics.csv.
+    load : callable
+        Reads both sets of frames again: a result holds numbers, not films.
     draw : callable, optional
-        Makes the figure.
-    load : callable, optional
-        Reads both sets of frames.
+        Not used: the figure is made of the sets.
     """
 
     metrics: list[FrameMetrics]
-    columns: dict[str, list[Any]]
-    load: Callable[[], tuple[ComparedFrames, ComparedFrames]] | None = field(
-        default=None, compare=False, kw_only=True
-    )
+    load: Callable[[], tuple[ComparedFrames, ComparedFrames]] = field(compare=False)
+
+    @property
+    def columns(self) -> dict[str, list[Any]]:
+        """The columns of metrics.csv; None where a number cannot be had."""
+        names = [one.name for one in fields(FrameMetrics) if one.name not in ("gain", "offset")]
+        return {name: [getattr(one, name) for one in self.metrics] for name in names}
 
     @property
     def main_columns(self) -> tuple[str, ...]:
@@ -380,13 +364,15 @@ class Comparison(Result):
         """The metrics of all frames."""
         return {"metrics": self.columns}
 
-    def panels(self, frames: tuple[int, ...] | None = None) -> PaperPanels:
+    def figure(self) -> Figure:
+        """The pairs beside each other, with their difference, see `side_by_side`."""
+        return side_by_side(*self.load(), self.metrics)
+
+    def panels(self, frames: tuple[int, ...] | None = None) -> figures.PaperPanels:
         """Give experiment, simulation and difference for a paper; see `paper_figure`.
 
         `frames`: numbers of the pairs that are shown. Raises InputError where one is not there.
         """
-        if self.load is None:
-            raise InputError("frames_not_kept_compare", title=self.title)
         return side_by_side_panels(*self.load(), self.metrics, frames)
 
 
@@ -458,16 +444,10 @@ def compare(
     if isinstance(simulation, Scene):
         raise InputError("frames_compared_frames_simulate")
     here, there = load_frame_set(experiment), load_frame_set(simulation)
-    metrics = compare_frames(here, there)
-
-    # a result holds numbers, not films: the sets are read again
-    def load() -> tuple[ComparedFrames, ComparedFrames]:
-        return load_frame_set(experiment), load_frame_set(simulation)
-
-    def draw() -> Figure:
-        return side_by_side(*load(), metrics)
-
-    result = Comparison(metrics, _table(metrics), draw=draw, load=load)
+    result = Comparison(
+        compare_frames(here, there),
+        lambda: (load_frame_set(experiment), load_frame_set(simulation)),
+    )
     if out is not None:
         with staged(out) as folder:
             write_csv(folder / "metrics.csv", result.columns)
@@ -479,14 +459,14 @@ def compare(
             record = provenance(None, inputs)
             on_disk = all(isinstance(given, str | Path) for given in (experiment, simulation))
             record[_SETS] = [str(experiment), str(simulation)] if on_disk else None
-            write_figure(folder / "comparison.png", side_by_side(here, there, metrics))
-            scene = _scene_of(experiment)
-            write_report(folder / REPORT, comparison_report(here, there, metrics, record, scene))
+            write_figure(folder / "comparison.png", side_by_side(here, there, result.metrics))
+            report = comparison_report(here, there, result, record, _scene_of(experiment))
+            reporting.write_report(folder / REPORT, report)
             seal(folder, record)
     return result
 
 
-def compared_again(record: Mapping[str, Any], name: str) -> ReportContent:
+def compared_again(record: Mapping[str, Any], name: str) -> reporting.ReportContent:
     """The report of two sets that were compared before, of the sets as they are on disk.
 
     `record` is the comparison's provenance.json, `name` its folder in messages. InputError where
@@ -499,7 +479,8 @@ def compared_again(record: Mapping[str, Any], name: str) -> ReportContent:
     if now != record.get("inputs_sha256"):
         raise InputError("another_now_not_there", name=name, sets=sets[0], sets_2=sets[1])
     here, there = (load_frame_set(one) for one in sets)
-    return comparison_report(here, there, compare_frames(here, there), record, _scene_of(sets[0]))
+    result = Comparison(compare_frames(here, there), lambda: (here, there))
+    return comparison_report(here, there, result, record, _scene_of(sets[0]))
 
 
 def _scene_of(given: SetToCompare) -> Scene | None:
@@ -509,9 +490,3 @@ def _scene_of(given: SetToCompare) -> Scene | None:
         return load_scene(file) if file.is_file() else None
     scene = getattr(given, "scene", None)
     return scene if isinstance(scene, Scene) else None
-
-
-def _table(metrics: Sequence[FrameMetrics]) -> dict[str, list[Any]]:
-    """The columns of metrics.csv; None where a number cannot be had."""
-    names = [one.name for one in fields(FrameMetrics) if one.name not in ("gain", "offset")]
-    return {name: [getattr(m, name) for m in metrics] for name in names}

@@ -6,7 +6,7 @@ Residuals are experiment minus simulation. NaN is "not known" on either side and
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import compress
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
 from isochrome.errors import InputError
-from isochrome.frames import CHANNELS, channel_for, open_frames, open_tiff
+from isochrome.frames import CHANNELS, SAME, channel_for, open_frames, open_tiff
 from isochrome.fringes import Skeleton, order_contours, skeletons
 from isochrome.output import read_csv, read_pixel_mm
 from isochrome.processing import PICTURE, Processed, corner_of
@@ -70,8 +70,11 @@ def _nearest(source: Sequence[Skeleton], target: Sequence[Skeleton], by_order: b
         return line.kind, line.order if by_order else None
 
     clouds: dict[tuple[str, float | None], list[Floats]] = {}
-    for line in target:
-        clouds.setdefault(key(line), []).append(_filled_up(line))
+    for line in target:  # filled up, so that the nearest point is as near as the line itself
+        run = np.r_[0.0, np.cumsum(np.hypot(np.diff(line.rows), np.diff(line.cols)))]
+        at = np.union1d(np.arange(0.0, run[-1], _STEP_PX), run)
+        points = np.column_stack([np.interp(at, run, each) for each in (line.rows, line.cols)])
+        clouds.setdefault(key(line), []).append(points)
     trees = {name: cKDTree(np.vstack(parts)) for name, parts in clouds.items()}
     distances = [np.zeros(0)]
     for line in source:
@@ -79,15 +82,6 @@ def _nearest(source: Sequence[Skeleton], target: Sequence[Skeleton], by_order: b
         tree = trees.get(key(line))
         distances.append(np.full(len(points), np.inf) if tree is None else tree.query(points)[0])
     return np.concatenate(distances)
-
-
-def _filled_up(line: Skeleton) -> Floats:
-    """Fill a line up with points, so that the nearest point is as near as the line itself."""
-    if line.rows.size < 2:
-        return np.column_stack([line.rows, line.cols])
-    run = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(line.rows), np.diff(line.cols)))])
-    at = np.union1d(np.arange(0.0, run[-1], _STEP_PX), run)
-    return np.column_stack([np.interp(at, run, line.rows), np.interp(at, run, line.cols)])
 
 
 WRONG_BRANCH_FRINGES = 0.25
@@ -197,9 +191,6 @@ def _ssim(measured: Floats, model: Floats, known: NDArray[np.bool_]) -> float:
     return float(local[inner].mean())
 
 
-_SCALE_TOLERANCE = 1e-3  # two pixel scales that differ by more are not on one grid
-
-
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ComparedFrames:
     """Frames of one experiment or one simulation, on one pixel grid; NaN = not known.
@@ -218,7 +209,7 @@ class ComparedFrames:
         Outer edge of the first row, mm.
     labels : tuple of str, optional
         Labels, one a frame, such as "static" or "sliding, 31 m".
-    noise : float or ndarray of shape (frame,), optional
+    noise : ndarray of shape (frame,), optional
         Standard deviation of the signal; None where it is not known.
 
     Raises
@@ -233,7 +224,7 @@ class ComparedFrames:
     left_mm: float = 0.0
     top_mm: float = 0.0
     labels: tuple[str, ...] = ()
-    noise: float | NDArray[np.floating] | None = None
+    noise: NDArray[np.floating] | None = None
 
     def __post_init__(self) -> None:
         if self.signal.ndim != 3 or not len(self.signal):
@@ -248,8 +239,8 @@ class ComparedFrames:
             )
         if self.pixel_mm is not None and not self.pixel_mm > 0:
             raise InputError("pixel_mm_frame_set_give", pixel_mm=self.pixel_mm)
-        if self.noise is not None and np.size(self.noise) not in (1, len(self)):
-            raise InputError("noise_values_frames", size=np.size(self.noise), self_count=len(self))
+        if self.noise is not None and len(self.noise) != len(self):
+            raise InputError("noise_values_frames", size=len(self.noise), self_count=len(self))
 
     def __len__(self) -> int:
         return len(self.signal)
@@ -258,19 +249,11 @@ class ComparedFrames:
         """Name frame `index`: its label, or "frame 0", "frame 1" ... without labels."""
         return self.labels[index] if self.labels else f"frame {index}"
 
-    def only(self, index: int) -> ComparedFrames:
-        """Frame `index` alone."""
-        span = slice(index, index + 1)
-        order = None if self.order is None else self.order[span]
-        labels, noise = self.labels[span], self.noise_of(index)
-        return replace(self, signal=self.signal[span], order=order, labels=labels, noise=noise)
-
     def noise_of(self, index: int) -> float | None:
         """Noise of frame `index` in signal units; None when not known."""
         if self.noise is None:
             return None
-        every = np.ravel(np.asarray(self.noise, dtype=float))
-        value = float(every[index if every.size > 1 else 0])
+        value = float(self.noise[index])
         return value if np.isfinite(value) and value > 0 else None
 
 
@@ -335,30 +318,39 @@ class FrameMetrics:
 def compare_frames(experiment: ComparedFrames, simulation: ComparedFrames) -> list[FrameMetrics]:
     """Compare two sets frame by frame, an entry a pair; one frame is compared with every other one.
 
-    Lines for the skeleton distance come from the order maps where both sides have them, else from
-    the signals; only where both images are known. InputError where numbers, shapes or pixel scales
-    do not fit together, or a pair has no pixel to compare.
+    InputError where numbers, shapes or pixel scales do not fit together, or a pair has no pixel to
+    compare.
     """
-    result = []
-    for index, (i, j) in enumerate(frame_pairs(experiment, simulation)):
-        label = (experiment if len(experiment) >= len(simulation) else simulation).label(index)
-        measured, model = experiment.signal[i], simulation.signal[j]
-        try:
-            numbers = compare_signals(measured, model, noise=experiment.noise_of(i))
-        except InputError as error:
-            raise InputError(f"frame {index} ({label}): " + error.message) from error
-        lines = list[list[Skeleton]]()
-        if experiment.order is not None and simulation.order is not None:
-            maps = _known_in_both(experiment.order[i], simulation.order[j])
-            if np.isfinite(maps[0]).any():
-                numbers |= compare_orders(*maps)
-                lines = [order_contours(each) for each in maps]
-        lines = lines or [skeletons(each) for each in _known_in_both(measured, model)]
-        if any(lines):
-            scale = experiment.pixel_mm or simulation.pixel_mm
-            numbers |= skeleton_distance(lines[0], lines[1], pixel_mm=scale)
-        result.append(FrameMetrics(frame=index, label=label, **numbers))
-    return result
+    pairs = frame_pairs(experiment, simulation)
+    return [compare_pair(experiment, simulation, k, pair) for k, pair in enumerate(pairs)]
+
+
+def compare_pair(
+    experiment: ComparedFrames, simulation: ComparedFrames, index: int, pair: tuple[int, int]
+) -> FrameMetrics:
+    """Compare the frames of a pair, see `frame_pairs`.
+
+    Lines for the skeleton distance come from the order maps where both sides have them, else from
+    the signals; only where both images are known.
+    """
+    i, j = pair
+    label = (experiment if len(experiment) >= len(simulation) else simulation).label(index)
+    measured, model = experiment.signal[i], simulation.signal[j]
+    try:
+        numbers = compare_signals(measured, model, noise=experiment.noise_of(i))
+    except InputError as error:
+        raise InputError(f"frame {index} ({label}): " + error.message) from error
+    lines = list[list[Skeleton]]()
+    if experiment.order is not None and simulation.order is not None:
+        maps = _known_in_both(experiment.order[i], simulation.order[j])
+        if np.isfinite(maps[0]).any():
+            numbers |= compare_orders(*maps)
+            lines = [order_contours(each) for each in maps]
+    lines = lines or [skeletons(each) for each in _known_in_both(measured, model)]
+    if any(lines):
+        scale = experiment.pixel_mm or simulation.pixel_mm
+        numbers |= skeleton_distance(lines[0], lines[1], pixel_mm=scale)
+    return FrameMetrics(frame=index, label=label, **numbers)
 
 
 def frame_pairs(experiment: ComparedFrames, simulation: ComparedFrames) -> list[tuple[int, int]]:
@@ -372,7 +364,7 @@ def frame_pairs(experiment: ComparedFrames, simulation: ComparedFrames) -> list[
             shape_2=simulation.signal.shape[1:],
         )  # fmt: skip
     scales = experiment.pixel_mm, simulation.pixel_mm
-    if None not in scales and abs(scales[0] / scales[1] - 1.0) > _SCALE_TOLERANCE:  # type: ignore[operator]
+    if None not in scales and abs(scales[0] / scales[1] - 1.0) > SAME:  # type: ignore[operator]
         raise InputError(
             "pixel_mm_experiment_simulation_frames", scales=scales[0], scales_2=scales[1]
         )

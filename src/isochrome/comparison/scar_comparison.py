@@ -13,40 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from isochrome import figures, output
 from isochrome.calibration import WearSet
 from isochrome.contact import SurfaceState, contact_states
 from isochrome.errors import InputError
-from isochrome.figures import (
-    BAND,
-    BOLD_PT,
-    FINE_PT,
-    GREY,
-    INK,
-    LINE_COLOURS,
-    LINE_PT,
-    PaperPanels,
-    Plot,
-    add_legend,
-    chosen_frames,
-    draw_band,
-    panels_figure,
-    plain_name,
-    style_axes,
-)
 from isochrome.messages import message, warnings_json
-from isochrome.output import (
-    Result,
-    columns_of,
-    counted,
-    evenly_spaced,
-    provenance,
-    staged,
-    with_uncertainty,
-    write_csv,
-    write_figure,
-)
 from isochrome.runs import opened_record, seal
-from isochrome.scars import LevelledTrace, UnclearScarError, levelled, read_trace
+from isochrome.scars import LevelledTrace, UnclearScarError, definite, levelled, read_trace
 from isochrome.scene import Scene, dump_scene, load_scene, parse_toml, read_text
 
 if TYPE_CHECKING:
@@ -115,8 +88,16 @@ def simulated_scars(scene: Scene, distances_m: Sequence[float]) -> list[Simulate
         raise InputError("has_no_wear_which", name=scene.name)
     worn = scene.with_values({"wear.distances_m": tuple(distances_m)})
     keys = [k for k, u in scene.uncertainties.items() if k.split(".")[0] in _PARTS and u > 0.0]
-    states = _states(worn)
-    moved = {key: tuple(_states(_shifted(worn, key, side)) for side in (1.0, -1.0)) for key in keys}
+    states, moved = _states(worn), {}
+    for key in keys:
+        value, spread = worn.get(key), scene.uncertainties[key]
+        try:
+            sides = [worn.with_values({key: value + side * spread}) for side in (1.0, -1.0)]
+        except InputError as error:
+            raise InputError(
+                "standard_uncertainty", name=scene.name, key=key, spread=spread, error=error
+            ) from error
+        moved[key] = tuple(map(_states, sides))
     return [
         _scar(state, {key: (more[i], less[i]) for key, (more, less) in moved.items()})
         for i, state in enumerate(states)
@@ -127,16 +108,6 @@ def _states(scene: Scene) -> list[SurfaceState]:
     """The worn states: the static one that may come first is left out."""
     assert scene.wear is not None
     return contact_states(scene)[-len(scene.wear.distances_m) :]
-
-
-def _shifted(scene: Scene, key: str, side: float) -> Scene:
-    spread = scene.uncertainties[key]
-    try:
-        return scene.with_values({key: scene.get(key) + side * spread})
-    except InputError as error:
-        raise InputError(
-            "standard_uncertainty", name=scene.name, key=key, spread=spread, error=error
-        ) from error
 
 
 def _scar(
@@ -179,11 +150,7 @@ def _edges(state: SurfaceState) -> tuple[float, float]:
 
 def simulated_text(value: float, spread: float) -> str:
     """A simulated value with its uncertainty, alone where no input's uncertainty is stated."""
-    return with_uncertainty(value, spread) if spread > 0.0 else f"{value:.4g}"
-
-
-_FIRM = 1e-8
-"""Of a covariance's diagonal, added to it: rounding."""
+    return output.with_uncertainty(value, spread) if spread > 0.0 else f"{value:.4g}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -256,7 +223,7 @@ def pair_scar(trace: LevelledTrace, scar: SimulatedScar) -> ScarPair:
     covariance += spread**2 * np.outer(slope, slope)
     difference = trace.depth_um - simulated
     d = difference[inside]
-    part = _firm(covariance[np.ix_(inside, inside)])
+    part = definite(covariance[np.ix_(inside, inside)])
     return ScarPair(
         trace=trace,
         scar=scar,
@@ -272,16 +239,11 @@ def pair_scar(trace: LevelledTrace, scar: SimulatedScar) -> ScarPair:
     )
 
 
-def _firm(covariance: Array) -> Array:
-    """A covariance (n, n) that is definite beyond rounding."""
-    return covariance + _FIRM * np.diag(np.diag(covariance))
-
-
 def _aligned(trace: LevelledTrace, scar: SimulatedScar) -> tuple[float, float]:
     """The shift (mm) of least squares, and its standard uncertainty."""
     first = trace.centre_mm - scar.centre_mm
     inside = _both(trace, scar, first)
-    root = np.linalg.cholesky(_firm(trace.depth_covariance_um2[np.ix_(inside, inside)]))
+    root = np.linalg.cholesky(definite(trace.depth_covariance_um2[np.ix_(inside, inside)]))
 
     def residual(shift: Array) -> Array:
         simulated = scar.on_bins(trace.x_mm - shift[0], scar.depth_um)
@@ -340,19 +302,12 @@ def profile_columns(name: str, pair: ScarPair) -> dict[str, Any]:
     }
 
 
-MAIN_SCAR_METRICS = (
-    "measured_area_mm2", "measured_area_uncertainty_mm2", "simulated_area_mm2",
-    "simulated_area_uncertainty_mm2", "measured_width_mm", "simulated_width_mm",
-    "difference_rms_um", "difference_chi",
-)  # fmt: skip
-"""Columns that are shown where all of them are too many."""
-
 _APART = 3.0
 """Standard uncertainties by which areas differ that a warning names."""
 
 
 @dataclass(frozen=True, repr=False, kw_only=True)
-class ScarComparison(Result):
+class ScarComparison(output.Result):
     """Measured scars beside simulated ones.
 
     Parameters
@@ -385,7 +340,7 @@ class ScarComparison(Result):
     @property
     def columns(self) -> dict[str, list[Any]]:
         """Those of metrics.csv, a row a trace."""
-        return columns_of([scar_columns(*trace) for trace in self.traces])
+        return output.columns_of([scar_columns(*trace) for trace in self.traces])
 
     @property
     def profiles(self) -> dict[str, Any]:
@@ -396,7 +351,11 @@ class ScarComparison(Result):
     @property
     def main_columns(self) -> tuple[str, ...]:
         """Columns that the command prints."""
-        return "trace", "distance_m", *MAIN_SCAR_METRICS
+        return (
+            "trace", "distance_m", "measured_area_mm2", "measured_area_uncertainty_mm2",
+            "simulated_area_mm2", "simulated_area_uncertainty_mm2", "measured_width_mm",
+            "simulated_width_mm", "difference_rms_um", "difference_chi",
+        )  # fmt: skip
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -419,7 +378,7 @@ class ScarComparison(Result):
     @property
     def title(self) -> str:
         """How many traces were compared."""
-        return f"Comparison of {counted(len(self.names), 'scar trace')}: {self.scene.name}"
+        return f"Comparison of {output.counted(len(self.names), 'scar trace')}: {self.scene.name}"
 
     def main_values(self) -> Iterator[tuple[str, str]]:
         """Measured and simulated worn area of each trace."""
@@ -428,59 +387,66 @@ class ScarComparison(Result):
             area = "no clear scar"
             if pair is not None:
                 trace = pair.trace
-                area = with_uncertainty(trace.worn_area_mm2, trace.worn_area_uncertainty_mm2)
+                area = output.with_uncertainty(trace.worn_area_mm2, trace.worn_area_uncertainty_mm2)
             yield f"{name}, {scar.distance_m:g} m", f"{area} mm², simulated {model} mm²"
 
     def to_json(self) -> dict[str, Any]:
         """The metrics of all traces, and the warnings."""
         return {"metrics": self.columns, **warnings_json(self.warnings)}
 
-    def panels(self, frames: tuple[int, ...] | None = None) -> PaperPanels:
+    def panels(self, frames: tuple[int, ...] | None = None) -> figures.PaperPanels:
         """Give all measured and all simulated scars for a paper, and each distance's overlay.
 
         `frames`: numbers of the distances, see `paper_figure`. InputError where one is not there.
         """
         distances = sorted({scar.distance_m for scar in self.scars})
-        few = evenly_spaced(range(len(distances)), _FOR_PAPER)
-        shown = chosen_frames(frames, len(distances), few, items="distances")
+        few = output.evenly_spaced(range(len(distances)), _FOR_PAPER)
+        shown = figures.chosen_frames(frames, len(distances), few, items="distances")
         rows: list[_Row] = []
-        for k, colour in zip(shown, cycle(LINE_COLOURS), strict=False):
+        for k, colour in zip(shown, cycle(figures.LINE_COLOURS), strict=False):
             members = [trace for trace in self.traces if trace[1].distance_m == distances[k]]
             pairs = [(name, pair) for name, _, pair in members if pair is not None]
             rows.append((members[0][1], pairs, colour))
         half = _BESIDE * 0.5 * max(scar.width_mm for scar in self.scars)
 
-        def plot(title: str, draw: Callable[[Axes], None], *, down: bool = True) -> Plot:
+        def plot(title: str, draw: Callable[[Axes], None], *, down: bool = True) -> figures.Plot:
             def within(axes: Axes) -> None:
                 draw(axes)
                 axes.set_xlim(-half, half)
                 if down:
                     axes.invert_yaxis()
-                style_axes(axes, x_label="x (mm)", z_label="depth (µm)" if down else "")
+                figures.style_axes(axes, x_label="x (mm)", z_label="depth (µm)" if down else "")
 
-            return Plot(title=title, draw=within)
+            return figures.Plot(title=title, draw=within)
 
         def measured(axes: Axes) -> None:
             for scar, traces, colour in rows:
                 if traces:  # their mean
                     x, name = traces[0][1].x_mm, f"{scar.distance_m:g} m"
                     each = [np.interp(x, pair.x_mm, pair.trace.depth_um) for _, pair in traces]
-                    axes.plot(x, np.mean(each, axis=0), color=colour, lw=LINE_PT, label=name)
-            add_legend(axes, loc="lower right")
+                    axes.plot(
+                        x, np.mean(each, axis=0), color=colour, lw=figures.LINE_PT, label=name
+                    )
+            figures.add_legend(axes, loc="lower right")
 
         def simulated(axes: Axes) -> None:
             for row in rows:
                 _draw_simulated(axes, row)
 
+        def overlay(axes: Axes, row: _Row) -> None:
+            _draw_simulated(axes, row, colour=figures.INK, lw=figures.BOLD_PT, label="simulated")
+            _draw_traces(axes, row, lambda pair: pair.trace.depth_um)
+            figures.add_legend(axes, loc="lower right")
+
         plots, notes = [plot("measured", measured), plot("simulated", simulated)], []
         for row in rows:
             name = f"{row[0].distance_m:g} m"
-            plots.append(plot(name, partial(_draw_overlay, row=row)))
+            plots.append(plot(name, partial(overlay, row=row)))
             gap = partial(_draw_gap, row=row)
             plots.append(plot(f"{name}, measured − simulated", gap, down=False))
             notes.append(f"{_area_text(row)}; {_difference_text(row)}.")
-        notes.append(f"Bands: ± {BAND:g} standard uncertainties.")
-        return PaperPanels(plots=plots, plots_across=2, notes=notes)
+        notes.append(f"Bands: ± {figures.BAND:g} standard uncertainties.")
+        return figures.PaperPanels(plots=plots, plots_across=2, notes=notes)
 
     def figure(self) -> Figure:
         """Measured scars beside simulated ones; below, each distance's overlay and difference.
@@ -488,9 +454,9 @@ class ScarComparison(Result):
         The top row is the paper's Fig. 7 beside its Fig. 9, with the band of the scene's inputs.
         """
         count = len({scar.distance_m for scar in self.scars})
-        panels = self.panels(tuple(evenly_spaced(range(count), MOST_DISTANCES)))
-        name = plain_name(self.scene.name)
-        return panels_figure(panels, f"{name}: measured scars beside simulated ones")
+        panels = self.panels(tuple(output.evenly_spaced(range(count), MOST_DISTANCES)))
+        name = figures.plain_name(self.scene.name)
+        return figures.panels_figure(panels, f"{name}: measured scars beside simulated ones")
 
 
 def compare_scars(
@@ -519,11 +485,14 @@ def compare_scars(
     names = tuple(file.name for file in files)
     result = ScarComparison(scene=scene, names=names, scars=scars, pairs=pairs, messages=messages)
     if out is not None:
-        with staged(out) as folder:
-            write_csv(folder / "metrics.csv", result.columns)
-            write_csv(folder / "scars.csv", result.profiles)
-            write_figure(folder / "scars.png", result.figure())
-            seal(folder, provenance(dump_scene(scene), [*files, *scene.files(of_frames=False)]))
+        with output.staged(out) as folder:
+            output.write_csv(folder / "metrics.csv", result.columns)
+            output.write_csv(folder / "scars.csv", result.profiles)
+            output.write_figure(folder / "scars.png", result.figure())
+            seal(
+                folder,
+                output.provenance(dump_scene(scene), [*files, *scene.files(of_frames=False)]),
+            )
     return result
 
 
@@ -592,35 +561,28 @@ _Row = tuple[SimulatedScar, list[tuple[str, ScarPair]], Any]
 def _draw_simulated(axes: Axes, row: _Row, **look: Any) -> None:
     scar, _, colour = row
     spread = np.broadcast_to(root_sum_square(scar.moved_um), scar.depth_um.shape)
-    look = {"colour": colour, "lw": LINE_PT, "label": f"{scar.distance_m:g} m"} | look
-    draw_band(axes, scar.x_mm, scar.depth_um, spread, **look)
+    look = {"colour": colour, "lw": figures.LINE_PT, "label": f"{scar.distance_m:g} m"} | look
+    figures.draw_band(axes, scar.x_mm, scar.depth_um, spread, **look)
 
 
 def _draw_traces(axes: Axes, row: _Row, depth: Callable[[ScarPair], Array]) -> None:
     """A depth of each trace of a distance, paler from trace to trace."""
     _, traces, colour = row
     for number, (name, pair) in enumerate(traces):
-        look = {"color": colour, "lw": LINE_PT, "alpha": 1.0 - 0.6 * number / len(traces)}
-        axes.plot(pair.x_mm, depth(pair), label=plain_name(name, 24), **look)
-
-
-def _draw_overlay(axes: Axes, row: _Row) -> None:
-    """The traces of a distance over its simulated scar."""
-    _draw_simulated(axes, row, colour=INK, lw=BOLD_PT, label="simulated")
-    _draw_traces(axes, row, lambda pair: pair.trace.depth_um)
-    add_legend(axes, loc="lower right")
+        look = {"color": colour, "lw": figures.LINE_PT, "alpha": 1.0 - 0.6 * number / len(traces)}
+        axes.plot(pair.x_mm, depth(pair), label=figures.plain_name(name, 24), **look)
 
 
 def _draw_gap(axes: Axes, row: _Row) -> None:
     """What the traces of a distance differ by from the simulated scar."""
     _, traces, colour = row
     _draw_traces(axes, row, lambda pair: pair.difference_um)
-    axes.axhline(0.0, color=GREY, lw=FINE_PT)
+    axes.axhline(0.0, color=figures.GREY, lw=figures.FINE_PT)
     if traces:
         pair = traces[0][1]
-        band = BAND * pair.difference_uncertainty_um
+        band = figures.BAND * pair.difference_uncertainty_um
         axes.fill_between(pair.x_mm, -band, band, color=colour, alpha=0.2, lw=0)
-    style_axes(axes, z_label="difference (µm)")
+    figures.style_axes(axes, z_label="difference (µm)")
 
 
 def _area_text(row: _Row) -> str:
@@ -634,7 +596,9 @@ def _area_text(row: _Row) -> str:
         return f"{head}: no clear scar, simulated {model}"
     area = [1e3 * pair.trace.worn_area_mm2 for _, pair in traces]
     spread = [1e3 * pair.trace.worn_area_uncertainty_mm2 for _, pair in traces]
-    text = with_uncertainty(float(np.mean(area)), float(np.hypot.reduce(spread)) / len(spread))
+    text = output.with_uncertainty(
+        float(np.mean(area)), float(np.hypot.reduce(spread)) / len(spread)
+    )
     return f"{head} {text}, simulated {model}"
 
 

@@ -12,7 +12,7 @@ from isochrome.estimation import FrameData, Unevenness, prepare_frame, scaled_in
 from isochrome.fitting.arrays import Array, Mask
 from isochrome.fitting.frame.single_state import sliding_scene, timed_distance
 from isochrome.fitting.frame.unknowns import LENS
-from isochrome.frames import SequentialFrames, load_no_load, open_scene_frames, with_file_scale
+from isochrome.frames import load_no_load, open_scene_frames, with_file_scale
 from isochrome.output import counted
 from isochrome.scene import DistanceTable, FramesLike, Scene, check_pixel
 from isochrome.simulation import required_model, state_count
@@ -90,7 +90,6 @@ class PreparedFrames(FrameSet):
         self.given = with_file_scale(scene, self.reader)
         check_pixel(self.given, self.reader.shape)
         self._no_load = load_no_load(scene, full_shape=self.reader.full_shape)
-        self._frames = SequentialFrames(self.reader)
         self._count = self.reader.count()
         if self._count == 0:
             raise InputError("holds_no_frame_check", path=path)
@@ -109,7 +108,7 @@ class PreparedFrames(FrameSet):
 
     def close(self) -> None:
         """Close the file."""
-        self._frames.close()
+        self.reader.close()
 
     def _as_read(self, start: int, stop: int) -> Iterator[FrameData]:
         prepared = all(i in self._kept for i in range(start, stop))
@@ -117,7 +116,7 @@ class PreparedFrames(FrameSet):
 
     def _read(self, start: int, stop: int) -> Iterator[FrameData]:
         for i in range(start, stop):
-            frame, depth = self._frames.frame(i), self.reader.bit_depth
+            frame, depth = self.reader.frame(i), self.reader.bit_depth
             data = prepare_frame(
                 frame, self.scene, bit_depth=depth, no_load=self._no_load, gamma_found=True
             )

@@ -1,5 +1,4 @@
 from .checks import Check, Finding, Level, look_through, misfits
-from .containers import begins_anew, length_bytes
 from .linear import (
     Linear,
     NoiseModel,
@@ -30,20 +29,13 @@ from .opening import (
     recordings_of,
     with_file_scale,
 )
-from .reading import (
-    CHANNELS,
-    Channel,
-    Frame,
-    FrameReader,
-    FramesPath,
-    SequentialFrames,
-    as_captured,
-    as_turned,
-)
+from .reading import CHANNELS, SAME, Channel, Frame, FrameReader, FramesPath, as_captured, as_turned
 from .tiff import open_tiff
+from .video import begins_anew, length_bytes
 
 __all__ = [
     "CHANNELS",
+    "SAME",
     "Channel",
     "Check",
     "Finding",
@@ -54,7 +46,6 @@ __all__ = [
     "Linear",
     "NoiseModel",
     "Normalised",
-    "SequentialFrames",
     "absolute",
     "as_captured",
     "as_turned",

@@ -3,7 +3,7 @@
 What a file is by its first bytes, whatever it is called.
 
 Sources: the formats' own specifications (TIFF 6.0 and BigTIFF, PNG, JPEG, BMP, Netpbm, WebP), and
-for videos those of `frames.containers`.
+for videos those of `frames.video`.
 """
 
 import io
@@ -18,7 +18,7 @@ import numpy as np
 
 from isochrome.errors import InputError
 from isochrome.frames import reading, tiff
-from isochrome.frames.containers import container_of
+from isochrome.frames.video import container_of
 
 FileKind = Literal["tiff", "image", "video"]
 
@@ -168,7 +168,7 @@ def read_image(path: Path) -> np.ndarray:
                     raw = _by_pillow(path, file)
         except UnidentifiedImageError as error:
             raise InputError("not_image_whatever_name", path=path) from error
-    return np.ascontiguousarray(raw, dtype=reading.check_dtype(path, raw.dtype))
+    return reading.as_grey_or_rgb(path, raw)
 
 
 def _by_pillow(path: Path, file: Any) -> np.ndarray:
@@ -177,10 +177,7 @@ def _by_pillow(path: Path, file: Any) -> np.ndarray:
         file = file.convert("L" if mode == "1" else "RGB")
     elif mode not in ("L", "LA", "RGB", "RGBA", "RGBX", "F") and not mode.startswith("I;16"):
         raise InputError("colours_mode_not_read", path=path, mode=mode)
-    raw = np.asarray(file)
-    if raw.ndim == 3:
-        raw = raw[..., 0] if raw.shape[2] < 3 else raw[..., :3]
-    return raw
+    return np.asarray(file)
 
 
 def _by_opencv(path: Path, data: bytes) -> np.ndarray:
@@ -196,6 +193,4 @@ def _by_opencv(path: Path, data: bytes) -> np.ndarray:
     raw = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     if raw is None:
         raise InputError("image_breaks_off_damaged", path=path)
-    if raw.ndim == 3:
-        raw = raw[..., 0] if raw.shape[2] < 3 else raw[..., 2::-1]
-    return np.asarray(raw)
+    return np.asarray(raw[..., 2::-1] if raw.ndim == 3 and raw.shape[2] > 2 else raw)

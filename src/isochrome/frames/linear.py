@@ -49,9 +49,9 @@ QUANTISATION = 1 / 12
 LEVELS = 16
 CLIP = 4.0
 """Residuals beyond this many standard deviations are defects or edges, not noise."""
-_SQUARE, _DEGREE, _STEP = 13, 4, 9
-"""Side of a square, pixels, degree of its polynomial, and pixels from square to square."""
-_FEWEST_SQUARES = 30
+_SQUARE, _DEGREE = 13, 4
+"""Side of a square, pixels, and degree of its polynomial."""
+_FEWEST_SQUARES = 14
 
 
 @dataclass(frozen=True)
@@ -189,7 +189,7 @@ def noise_between_pixels(
     terms = [np.outer(powers[:, i], powers[:, j]).ravel() for i, j in degrees if i + j <= _DEGREE]
     fits = np.asarray(np.linalg.qr(np.stack(terms, axis=1))[0])
     squares, windows = (
-        np.lib.stride_tricks.sliding_window_view(each, (_SQUARE, _SQUARE))[::_STEP, ::_STEP]
+        np.lib.stride_tricks.sliding_window_view(each, (_SQUARE, _SQUARE))[::_SQUARE, ::_SQUARE]
         for each in (image, valid)
     )
     light = squares[windows.all(axis=(2, 3))].reshape(-1, _SQUARE**2).astype(float)
@@ -214,7 +214,6 @@ _SOLID = 0.2
 grey level's noise leaves a tenth."""
 _CREST = 2.5
 """What a crest's last level has over the one below at most."""
-_SIGMAS = 3.0
 _GAP = 2.2
 """Typical distances of levels: what is farther below is not just below."""
 _NOISE, _FINE = 0.5, 1e-4
@@ -246,7 +245,7 @@ def saturation_level(raw: np.ndarray, *, full: float) -> float:
         if level >= full:
             expected = _CREST * counts[max(i - 2, 0) : i].max(initial=0.0)
             # more pixels than those just below go on to, or none lie just below
-            if counts[i] >= expected + _SIGMAS * np.sqrt(expected) or (
+            if counts[i] >= expected + CLIP * np.sqrt(expected) or (
                 levels[i] - levels[i - 1] > _GAP * np.median(np.diff(levels[: i + 1]))
             ):
                 return level

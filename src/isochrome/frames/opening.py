@@ -11,7 +11,7 @@ Where the specimen is in the frame, as the scene says: a mask image, ImageJ area
 
 import glob
 import os
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import chain
@@ -22,24 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.errors import InputError
-from isochrome.frames import images, tiff, video
+from isochrome.frames import images, reading, tiff, video
 from isochrome.frames.images import read_image, signature_of
-from isochrome.frames.reading import (
-    SAME,
-    Channel,
-    Extent,
-    Frame,
-    FrameReader,
-    FramesPath,
-    Kind,
-    Source,
-    StoredForm,
-    check_dtype,
-    check_size,
-    natural_key,
-    next_time,
-    refusing,
-)
+from isochrome.frames.reading import FrameReader
 from isochrome.messages import message
 from isochrome.output import SUFFIXES, read_roi_mask
 from isochrome.scene import ArrayFrames, Camera, Frames, FramesLike, Roi, Scene, frames_of
@@ -186,22 +171,22 @@ def crossing_sides(points: NDArray[np.float64]) -> tuple[int, int] | None:
     return (int(pairs[0, 0]), int(pairs[0, 1])) if len(pairs) else None
 
 
-def open_arrays(frames: ArrayFrames) -> Source:
+def open_arrays(frames: ArrayFrames) -> reading.Source:
     """The Source of frames in memory; InputError where no file may have their type or size."""
     rows, cols, *colours = frames.form
-    dtype = check_dtype(str(frames), frames.dtype)
-    check_size(str(frames), rows, cols, dtype.itemsize * (colours[0] if colours else 1))
-    form = StoredForm((rows, cols), 3 if colours else 1, dtype)
+    dtype = reading.check_dtype(str(frames), frames.dtype)
+    reading.check_size(str(frames), rows, cols, dtype.itemsize * (colours[0] if colours else 1))
+    form = reading.StoredForm((rows, cols), 3 if colours else 1, dtype)
     times = frames.times()
     if times is not None and not np.isfinite(times).all():
         raise InputError("coordinate_time_s_holds_what", frames=frames)
-    end = next_time(*times[-2:]) if times is not None and len(times) > 1 else None
-    return Source(
+    end = reading.next_time(*times[-2:]) if times is not None and len(times) > 1 else None
+    return reading.Source(
         kind="array",
         form=form,
         sensor_bits=None,
         frames=partial(_frames, frames, form, times),
-        extent=partial(Extent, frames.count, end),
+        extent=partial(reading.Extent, frames.count, end),
         files=(frames,),
         pixel_mm=frames.pixel_mm,
         start_s=None if times is None else 0.0,
@@ -209,8 +194,8 @@ def open_arrays(frames: ArrayFrames) -> Source:
 
 
 def _frames(
-    frames: ArrayFrames, form: StoredForm, times: tuple[float, ...] | None, start: int
-) -> Generator[Frame]:
+    frames: ArrayFrames, form: reading.StoredForm, times: tuple[float, ...] | None, start: int
+) -> Generator[reading.Frame]:
     for index in range(start, frames.count):
         image = frames.frame(index)
         if image.ndim not in (2, 3) or image.shape[2:] not in ((), (3,)):
@@ -219,7 +204,9 @@ def _frames(
                 form=frames.form,
             )  # fmt: skip
         form.check(str(frames), image, f"frame {index}")
-        yield Frame(index, image, None if times is None else times[index], frames.label(index))
+        yield reading.Frame(
+            index, image, None if times is None else times[index], frames.label(index)
+        )
 
 
 class Parts:
@@ -230,13 +217,16 @@ class Parts:
     """
 
     def __init__(
-        self, files: tuple[Path, ...], opener: Callable[[Path], Source], first: Source
+        self,
+        files: tuple[Path, ...],
+        opener: Callable[[Path], reading.Source],
+        first: reading.Source,
     ) -> None:
         """`opener` opens one of the files; `first` is the first one's source."""
         self.files, self._opener = files, opener
-        self._sources: dict[int, Source] = {0: first}
+        self._sources: dict[int, reading.Source] = {0: first}
 
-    def source(self, number: int) -> Source:
+    def source(self, number: int) -> reading.Source:
         """The source of a part, opened once; InputError where it is unlike the first."""
         if number not in self._sources:
             path, name, first = self.files[number], self.files[0].name, self._sources[0]
@@ -251,7 +241,7 @@ class Parts:
                     pixels_2=first_form.pixels, bits_2=first_bits,
                 )  # fmt: skip
             scales = source.pixel_mm, first.pixel_mm
-            if scales[0] and scales[1] and abs(scales[0] / scales[1] - 1) > SAME:
+            if scales[0] and scales[1] and abs(scales[0] / scales[1] - 1) > reading.SAME:
                 raise InputError(
                     "names_mm_pixel_files", path=path, scales=scales[0], name=name,
                     scales_2=scales[1],
@@ -259,7 +249,7 @@ class Parts:
             self._sources[number] = source
         return self._sources[number]
 
-    def listed(self) -> Extent:
+    def listed(self) -> reading.Extent:
         """All parts' frames, by their packets where that can be done."""
         for source in map(self.source, range(len(self.files))):
             if source.listed is not None:
@@ -268,48 +258,45 @@ class Parts:
 
     def begins(self, start: int) -> int:
         """The frame that decoding begins with to come to frame `start`, once all are counted."""
-        before = 0
-        for source in map(self.source, range(len(self.files))):
-            count = source.extent().count
-            if start < before + count:
+        for source, before, _, extent in self._in_turn(by_packets=True):
+            if start < before + extent.count:
                 return before + source.begins(start - before)
-            before += count
         return start
 
-    def extent(self) -> Extent:
+    def extent(self) -> reading.Extent:
         """All parts' frames, counted as surely as each of them is."""
-        done = Extent(0, 0.0)
-        for number in range(len(self.files)):
-            done = _after(done, self._begin(number, done.end_s), self.source(number).extent())
-        return done
+        *_, (_, before, begin, last) = self._in_turn()
+        end = None if begin is None or last.end_s is None else begin + last.end_s
+        return reading.Extent(before + last.count, end)
 
-    def _begin(self, number: int, end_s: float | None) -> float | None:
-        """When a part begins, counted from the first part's first frame, after an end."""
-        if number == 0 or end_s is None:
-            return end_s
-        start_s, first = self.source(number).start_s, self._sources[0].start_s
-        return None if start_s is None or first is None else max(end_s, start_s - first)
-
-    def frames(self, start: int) -> Generator[Frame]:
+    def frames(self, start: int) -> Generator[reading.Frame]:
         """The frames from number `start` on."""
-        done = Extent(0, 0.0)
-        for number in range(len(self.files)):
-            source, before = self.source(number), done.count
-            begin, extent = self._begin(number, done.end_s), (source.listed or source.extent)()
+        for source, before, begin, extent in self._in_turn(by_packets=True):
             if before + extent.count > start:
                 for raw in source.frames(max(start - before, 0)):
                     time = None if raw.time_s is None or begin is None else begin + raw.time_s
                     yield replace(raw, index=before + raw.index, time_s=time)
-            done = _after(done, begin, extent)
+
+    def _in_turn(
+        self, *, by_packets: bool = False
+    ) -> Iterator[tuple[reading.Source, int, float | None, reading.Extent]]:
+        """Each part, the frames before it, when it begins (s), and its extent.
+
+        Times count from the first part's first frame; where one tells none, no later one does.
+        """
+        before, first = 0, self._sources[0].start_s
+        begin: float | None = 0.0
+        for source in map(self.source, range(len(self.files))):
+            if before and begin is not None:
+                stamp = source.start_s
+                begin = None if stamp is None or first is None else max(begin, stamp - first)
+            extent = ((by_packets and source.listed) or source.extent)()
+            yield source, before, begin, extent
+            before += extent.count
+            begin = None if begin is None or extent.end_s is None else begin + extent.end_s
 
 
-def _after(done: Extent, begin: float | None, part: Extent) -> Extent:
-    """The extent of the parts up to one that begins at a time (s)."""
-    end = None if begin is None or part.end_s is None else begin + part.end_s
-    return Extent(done.count + part.count, end)
-
-
-def open_parts(files: tuple[Path, ...], opener: Callable[[Path], Source]) -> Source:
+def open_parts(files: tuple[Path, ...], opener: Callable[[Path], reading.Source]) -> reading.Source:
     """Several videos, or several TIFF stacks, as one recording.
 
     InputError here for the first file, and for a later one when it is come to.
@@ -339,7 +326,7 @@ SCALE = 0.005
 def open_frames(
     path: FramesLike,
     *,
-    channel: Channel | None = None,
+    channel: reading.Channel | None = None,
     wavelength_nm: float | None = None,
     rotate_deg: Literal[0, 90, 180, 270] = 0,
     flip: Literal["horizontal", "vertical"] | None = None,
@@ -505,14 +492,14 @@ def with_file_scale(scene: Scene, reader: FrameReader) -> Scene:
     )
 
 
-def channel_for(wavelength_nm: float | None) -> Channel:
+def channel_for(wavelength_nm: float | None) -> reading.Channel:
     """The colour channel that sees a wavelength best; green where it is not known."""
     if wavelength_nm is None:
         return "green"
     return "blue" if wavelength_nm < 490 else "green" if wavelength_nm < 580 else "red"
 
 
-def _source(path: FramesLike, leave_out: Sequence[str | Path]) -> Source:
+def _source(path: FramesLike, leave_out: Sequence[str | Path]) -> reading.Source:
     if isinstance(path, ArrayFrames):
         return open_arrays(path)
     if isinstance(path, tuple):
@@ -532,7 +519,7 @@ def _source(path: FramesLike, leave_out: Sequence[str | Path]) -> Source:
 
 def matches(name: str | Path) -> tuple[Path, ...]:
     """The files and folders that a glob stands for, in natural order. Raises InputError."""
-    paths = sorted(glob.glob(os.fspath(name)), key=natural_key)
+    paths = sorted(glob.glob(os.fspath(name)), key=reading.natural_key)
     if not paths:
         raise InputError("no_such_file_folder_check", name=name)
     return tuple(map(Path, paths))
@@ -544,11 +531,11 @@ _MOST_NAMED = 4
 
 def _files_in(folder: Path, leave_out: Sequence[str | Path]) -> tuple[Path, ...]:
     """The frame files of a folder in natural order, hidden ones left out. Raises InputError."""
-    with refusing(folder, message("folder_cannot_read")):
+    with reading.refusing(folder, message("folder_cannot_read")):
         files = [p for p in folder.iterdir() if p.is_file() and not p.name.startswith(".")]
         apart = {Path(name).resolve() for name in leave_out}
         known = [p for p in files if p.suffix.lower() in KNOWN]
-        known.sort(key=lambda p: natural_key(p.name))
+        known.sort(key=lambda p: reading.natural_key(p.name))
         wanted = [p for p in known if p.resolve() not in apart]
     if known and not wanted:
         names = ", ".join(p.name for p in known[:_MOST_NAMED])
@@ -558,7 +545,7 @@ def _files_in(folder: Path, leave_out: Sequence[str | Path]) -> tuple[Path, ...]
     return tuple(wanted)
 
 
-def _of_files(files: tuple[Path, ...], kind: Kind) -> Source:
+def _of_files(files: tuple[Path, ...], kind: reading.Kind) -> reading.Source:
     for file in files:
         if file.suffix.lower() not in KNOWN:
             raise InputError("frames_cannot_read_from", file=file, known=", ".join(KNOWN))
@@ -583,7 +570,9 @@ def _of_files(files: tuple[Path, ...], kind: Kind) -> Source:
     return images.open_images(files, kind)
 
 
-def recordings_of(names: Sequence[str | Path], *, join: bool = False) -> tuple[FramesPath, ...]:
+def recordings_of(
+    names: Sequence[str | Path], *, join: bool = False
+) -> tuple[reading.FramesPath, ...]:
     """The recordings that files, folders and globs stand for, in order, for `open_frames`.
 
     A folder, video or TIFF stack is one each, images one to a file are one together; no video is
@@ -621,7 +610,7 @@ def _refuse_others(places: Sequence[Path], *, join: bool) -> None:
             raise InputError("frames_cannot_read_from_file", place=place, known=", ".join(KNOWN))
 
 
-def one_recording(names: Sequence[str | Path], *, join: bool = False) -> FramesPath:
+def one_recording(names: Sequence[str | Path], *, join: bool = False) -> reading.FramesPath:
     """The one recording that names stand for, see `recordings_of`; InputError where they are
     several.
     """
@@ -643,7 +632,7 @@ def _places(names: Sequence[str | Path]) -> list[Path]:
     texts = [str(name) for name in names]
     letters = ["".join(c for c in text.casefold() if c.isalnum()) for text in texts]
     if texts == sorted(texts) or letters == sorted(letters):
-        names = sorted(names, key=natural_key)
+        names = sorted(names, key=reading.natural_key)
     places: list[Path] = []
     for name in names:
         plain = os.path.lexists(name) or not glob.has_magic(os.fspath(name))

@@ -22,12 +22,12 @@ from numpy.typing import NDArray
 from isochrome.errors import InputError, reason_of
 from isochrome.scene import ArrayFrames, FramesLike, Roi
 
-MAX_BYTES = 400_000_000
+MAX_BYTES: int = 400_000_000
 """A frame that claims more bytes is a damaged or hostile file: refused before memory is taken.
 
 Decoders hold some copies of a frame at a time."""
 
-MAX_PIXELS = MAX_BYTES // 2
+MAX_PIXELS: int = MAX_BYTES // 2
 """The same in pixels, of two bytes each at least in what is made of them."""
 
 SAME = 1e-3
@@ -219,6 +219,13 @@ def check_dtype(path: str | Path, dtype: np.dtype) -> np.dtype:
     return native
 
 
+def as_grey_or_rgb(path: str | Path, raw: np.ndarray) -> np.ndarray:
+    """Pixels (row, col) or (row, col, 3), without transparency, of a type that is read."""
+    if raw.ndim == 3:
+        raw = raw[..., 0] if raw.shape[2] < 3 else raw[..., :3]
+    return np.ascontiguousarray(raw, dtype=check_dtype(path, raw.dtype))
+
+
 def natural_key(name: str | Path) -> tuple[list[str | int], str]:
     """A sorting key that puts frame2 before frame10: runs of digits count as numbers."""
     text = str(name)
@@ -232,9 +239,6 @@ FramesPath = str | Path | Sequence[str | Path]
 """The files of a recording."""
 _DARKEST = 0.25
 """How far below zero, in full scales, noise and a subtracted background may take a float frame."""
-
-_FAR = 300
-"""Frames that are sooner passed over than left out by opening their file anew."""
 
 
 class FrameReader:
@@ -309,7 +313,7 @@ class FrameReader:
         self.claimed_count, self.lossy = source.claimed, source.lossy
         self.mask: Mask | None = None
         self._source = source
-        self._running: weakref.WeakSet[Generator[Frame]] = weakref.WeakSet()
+        self.__setstate__({})
 
     def __iter__(self) -> Iterator[Frame]:
         """Frames from the first to the last; raises InputError that names a bad one."""
@@ -331,6 +335,22 @@ class FrameReader:
         running = self._read(start, stop)
         self._running.add(running)
         return running
+
+    def frame(self, index: int) -> Frame:
+        """The frame of a number from 0; the file stays open as long as they come in order.
+
+        Threads may share a reader. Raises InputError where it is bad or no longer there.
+        """
+        state, self._open.state = getattr(self._open, "state", None), None
+        frames: Iterator[Frame] = self.iterate(index)
+        # some are passed over where no fewer had to be decoded to come to it anew
+        if state and self.first_decoded(index) <= state[1] <= index:
+            frames = state[0]
+        frame = next((one for one in frames if one.index == index), None)
+        if frame is None:
+            raise InputError("breaks_off_after_frames_had", path=self.path, at=index)
+        self._open.state = frames, index + 1
+        return frame
 
     def _read(self, start: int, stop: int | None) -> Generator[Frame]:
         if start == stop:
@@ -380,48 +400,16 @@ class FrameReader:
         """End the iterations under way, and with them the files they hold open."""
         for running in list(self._running):
             running.close()
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {k: v for k, v in self.__dict__.items() if k != "_running"}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state, _running=weakref.WeakSet())
-
-
-class SequentialFrames:
-    """The frames of a reader, asked for by their numbers.
-
-    The file stays open as long as they come in order. It may be handed to other processes and
-    shared by threads.
-    """
-
-    def __init__(self, reader: FrameReader) -> None:
-        self.reader = reader
         self._open = threading.local()
 
     def __getstate__(self) -> dict[str, Any]:
-        return {"reader": self.reader}
+        return {k: v for k, v in self.__dict__.items() if k not in ("_running", "_open")}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__init__(state["reader"])  # type: ignore[misc]
-
-    def frame(self, index: int) -> Frame:
-        """The frame of a number from 0. Raises InputError where it is bad or no longer there."""
-        frames: Iterator[Frame] | None = getattr(self._open, "frames", None)
-        at: int = getattr(self._open, "at", 0)
-        if frames is None or not at <= index <= at + _FAR:
-            frames, at = self.reader.iterate(index), index
-        for frame in frames:
-            at += 1
-            if frame.index == index:
-                self._open.frames, self._open.at = frames, at
-                return frame
-        raise InputError("breaks_off_after_frames_had", path=self.reader.path, at=at)
-
-    def close(self) -> None:
-        """Close the file."""
-        self.reader.close()
+        # iterations under way, and of each thread the one that `frame` goes on with
+        self._running: weakref.WeakSet[Generator[Frame]] = weakref.WeakSet()
         self._open = threading.local()
+        self.__dict__.update(state)
 
 
 def _check_range(image: np.ndarray, bit_depth: int | None, label: str) -> None:

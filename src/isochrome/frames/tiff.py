@@ -26,7 +26,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import tifffile
-from tifffile import COMPRESSION, PHOTOMETRIC, PLANARCONFIG
+from tifffile import COMPRESSION, PHOTOMETRIC
 
 from isochrome.errors import InputError
 from isochrome.frames import reading
@@ -106,11 +106,9 @@ def _pixel_mm(pixels: ElementTree.Element, path: Path) -> float | None:
     across, down = (
         _number(pixels, f"PhysicalSize{axis}", MM, f"PhysicalSize{axis}Unit", "µm") for axis in "XY"
     )
-    if across is None or down is None:
-        return None
-    if abs(across / down - 1) > reading.SAME:
+    if across and down and abs(across / down - 1) > reading.SAME:
         raise InputError("says_pixel_mm_wide", path=path, across=across, down=down)
-    return across
+    return across if down else None
 
 
 def _times(
@@ -148,7 +146,7 @@ DEFLATE_RATIO = 1032
 class PageDecoder:
     """Decodes the pages of one open TIFF, whichever is asked for."""
 
-    def __init__(self, tif: tifffile.TiffFile, path: Path, *, inverted_too: bool = False) -> None:
+    def __init__(self, tif: tifffile.TiffFile, path: Path, *, inverted_too: bool) -> None:
         """`inverted_too`, to take ImageJ's inverted images as stored."""
         self._tif, self._path, self._inverted_too = tif, path, inverted_too
         self._pillow: Any = None
@@ -164,8 +162,7 @@ class PageDecoder:
             self._tif.filehandle.seek(page.dataoffsets[0] + index * page.nbytes)
             data = self._tif.filehandle.read(page.nbytes)
             raw = np.frombuffer(data, page.dtype.newbyteorder(self._tif.byteorder))
-            dtype = reading.check_dtype(self._path, page.dtype)
-            return np.ascontiguousarray(raw.reshape(page.shape), dtype=dtype)
+            return reading.as_grey_or_rgb(self._path, raw.reshape(page.shape))
         return self._decode(page, layout.pages[index][0], index)
 
     def close(self) -> None:
@@ -194,16 +191,10 @@ class PageDecoder:
 
     def _check_parts(self, page: Any, index: int) -> None:
         """Refuse a page whose strips or tiles are not all there: holes would be read as black."""
-        rows, cols, planes = page.imagelength, page.imagewidth, 1
-        if page.planarconfig == PLANARCONFIG.SEPARATE:
-            planes = max(page.samplesperpixel, 1)
-        if page.is_tiled:
-            wanted = -(-rows // page.tilelength) * -(-cols // page.tilewidth) * planes
-        else:
-            wanted = -(-rows // max(page.rowsperstrip or rows, 1)) * planes
-        held = sum(page.databytecounts)
+        wanted, held = math.prod(page.chunked), sum(page.databytecounts)
         bits = int(np.ravel(page.bitspersample)[0]) * max(page.samplesperpixel, 1)
-        needed = rows * -(-cols * bits // 8) if page.compression == COMPRESSION.NONE else wanted
+        row = -(-page.imagewidth * bits // 8)
+        needed = page.imagelength * row if page.compression == COMPRESSION.NONE else wanted
         present = min(len(page.dataoffsets), sum(size > 0 for size in page.databytecounts))
         if present < wanted or held < needed:
             raise InputError(
@@ -226,9 +217,7 @@ class PageDecoder:
             raw = np.moveaxis(raw, 0, -1)
         elif page.axes not in ("YX", "YXS"):
             raise InputError("frame_has_axes_save", path=path, index=index, axes=page.axes)
-        if raw.ndim == 3:
-            raw = raw[..., 0] if raw.shape[2] < 3 else raw[..., :3]
-        return np.ascontiguousarray(raw, dtype=reading.check_dtype(path, raw.dtype))
+        return reading.as_grey_or_rgb(path, raw)
 
     def _pixels(self, page: Any, place: int, index: int) -> np.ndarray:
         """The page's values as they are stored."""
@@ -451,7 +440,7 @@ def _check_square(tif: tifffile.TiffFile, path: Path) -> None:
 def _interval(meta: dict[str, Any]) -> float | None:
     """Seconds between the frames of an ImageJ stack."""
     step, unit = meta.get("finterval", 0), SECONDS.get(str(meta.get("tunit", "s")).lower())
-    known = unit and isinstance(step, int | float) and 0 < step < float("inf")
+    known = unit and isinstance(step, int | float) and 0 < step < math.inf
     return float(step) * unit if known and unit else None
 
 
@@ -481,10 +470,9 @@ SUFFIXES = (".tif", ".tiff", ".btf", ".tf8", ".tf2")
 def open_tiff(path: Path) -> reading.Source:
     """Read the heads of a TIFF stack's pages; InputError where it is no TIFF that can be read."""
     stamp = reading.Stamp.of(path)
-    with _opened(path) as tif:
+    with _opened(path) as (tif, decoder):
         layout = tiff_layout_of(tif, path)
-        with closing(PageDecoder(tif, path)) as decoder:
-            image = decoder.frame(layout, 0)
+        image = decoder.frame(layout, 0)
         bits = layout.significant_bits or decoder.bits if image.dtype.kind == "u" else None
     form = reading.StoredForm.of(image)
     return reading.Source(
@@ -503,7 +491,7 @@ def open_tiff(path: Path) -> reading.Source:
 def holds_several(path: Path) -> bool:
     """Whether a TIFF holds more than one frame; its pages are not counted for it."""
     reading.Stamp.of(path)
-    with _opened(path) as tif:
+    with _opened(path) as (tif, _):
         pages: Any = islice(tif.pages, 1, 2)
         # a second one may be a thumbnail
         return any(not page.is_reduced for page in pages) or tiff_layout_of(tif, path).count > 1
@@ -515,22 +503,24 @@ def read_single(path: Path, *, inverted_too: bool = False) -> np.ndarray:
     `inverted_too`, to take ImageJ's images that are shown inverted, as its masks are, as stored.
     """
     reading.Stamp.of(path)
-    with _opened(path) as tif:
+    with _opened(path, inverted_too=inverted_too) as (tif, decoder):
         layout = tiff_layout_of(tif, path)
         if layout.count != 1:
             raise InputError("holds_pages_one_file", path=path, count=layout.count)
-        with closing(PageDecoder(tif, path, inverted_too=inverted_too)) as decoder:
-            return decoder.frame(layout, 0)
+        return decoder.frame(layout, 0)
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[tifffile.TiffFile]:
+def _opened(
+    path: Path, *, inverted_too: bool = False
+) -> Iterator[tuple[tifffile.TiffFile, PageDecoder]]:
     log = logging.getLogger("tifffile")  # what it would say, refusals say instead
     if not any(isinstance(h, logging.NullHandler) for h in log.handlers):
         log.addHandler(logging.NullHandler())
     with reading.refusing(path, "not a readable TIFF"), tifffile.TiffFile(path) as tif:
         tif.pages.cache = False
-        yield tif
+        with closing(PageDecoder(tif, path, inverted_too=inverted_too)) as decoder:
+            yield tif, decoder
 
 
 def _frames(
@@ -538,7 +528,7 @@ def _frames(
 ) -> Generator[reading.Frame]:
     """The frames from number `start` on; each page is found at once by its place in the file."""
     stamp.check(path)
-    with _opened(path) as tif, closing(PageDecoder(tif, path)) as decoder:
+    with _opened(path) as (_, decoder):
         for index in range(start, layout.count):
             with reading.refusing(path, f"frame {index} cannot be read"):
                 image = decoder.frame(layout, index)

@@ -183,10 +183,8 @@ def _stack_layout(
     return {"imagej": imagej, "bigtiff": size >= IMAGEJ_LIMIT, "byteorder": "<"}, keys
 
 
-MM_PER_UNIT = {
-    "mm": 1.0, "cm": 10.0, "m": 1000.0, "um": 1e-3, "µm": 1e-3, "μm": 1e-3, "\\u00b5m": 1e-3,
-    "micron": 1e-3, "microns": 1e-3, "nm": 1e-6,
-}  # fmt: skip
+_MICRONS = ("um", "µm", "μm", "\\u00b5m", "micron", "microns")
+MM_PER_UNIT = {"mm": 1.0, "cm": 10.0, "m": 1e3, **dict.fromkeys(_MICRONS, 1e-3), "nm": 1e-6}
 
 
 def read_pixel_mm(path: str | Path) -> float | None:

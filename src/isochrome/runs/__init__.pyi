@@ -9,7 +9,6 @@ from .execution import (
     wipe,
     working_folder,
 )
-from .exporting import export
 from .integrity import (
     PROVENANCE,
     REPORT,
@@ -47,6 +46,7 @@ from .store import (
     column,
     column_values,
     create_store,
+    export,
     identifier,
     make_dataset,
     named_units,

@@ -22,7 +22,7 @@ import socket
 import time
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from contextlib import closing, contextmanager, suppress
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
@@ -35,7 +35,6 @@ from isochrome.runs.job import (
     MANIFEST,
     RECORDS,
     STORE,
-    ChunkRecord,
     InTurn,
     Job,
     Results,
@@ -45,12 +44,7 @@ from isochrome.runs.job import (
     check_chunk,
     difference,
     identity_digest,
-    read_checked,
     read_record_of,
-    remove,
-    sync_folder,
-    write_checked,
-    write_through,
 )
 from isochrome.runs.store import WORKING, create_store
 from isochrome.runs.workers import (
@@ -222,13 +216,13 @@ def wipe(root: Path) -> None:
     """
     for entry in sorted(root.iterdir(), key=lambda e: e.name != MANIFEST):
         if entry.name not in (LOCK, OWNER):
-            remove(entry)
+            integrity.remove(entry)
 
 
 def _manifest(root: Path) -> dict[str, Any] | None:
     """What a run is a result of; None where it breaks off: so may all that was written after it."""
     try:
-        manifest: dict[str, Any] = read_checked(root / MANIFEST)
+        manifest: dict[str, Any] = integrity.read_checked(root / MANIFEST)
         known = isinstance(manifest["identity"], dict) and isinstance(manifest["layout"], dict)
         inside = re.fullmatch(r"results-[0-9a-f]+", manifest["token"]) is not None
     except (ValueError, KeyError, TypeError, RecursionError):
@@ -252,7 +246,7 @@ def _new(root: Path, job: Job) -> RunFolder:
         shutil.copyfile(results / STORE / "zarr.json", root / _GROUP)
     sync_tree(root)
     body = {"identity": dict(job.identity), "layout": _described(layout), "token": token}
-    write_checked(root / MANIFEST, body)
+    integrity.write_checked(root / MANIFEST, body)
     return run
 
 
@@ -263,7 +257,7 @@ def clear_up(run: RunFolder) -> None:
     for entry in [*run.results.iterdir(), *(store.iterdir() if run.layout.store else ())]:
         known = layers | {"zarr.json"} if entry.parent == store else keep
         if entry.name not in known:
-            remove(entry)
+            integrity.remove(entry)
     for folder in (*(store / name for name in layers), run.records):
         for file in folder.rglob(".*.part"):
             file.unlink()
@@ -299,7 +293,7 @@ def sync_tree(folder: Path) -> None:
         for name in files:
             with open(os.path.join(path, name), "rb+") as file:
                 os.fsync(file.fileno())
-        sync_folder(Path(path))
+        integrity.sync_folder(Path(path))
 
 
 def publish(run: RunFolder, target: Path) -> None:
@@ -311,7 +305,7 @@ def publish(run: RunFolder, target: Path) -> None:
     if not is_finished(run):
         check_own(target, (entry.name for entry in run.results.iterdir()))
         sync_tree(run.results)
-        write_through(root / FINISHED, b"")
+        integrity.write_through(root / FINISHED, b"")
     if run.results.exists() and target.exists():
         _clear_old(run.results, target)
         last = integrity.PROVENANCE  # what says that all is there
@@ -320,8 +314,8 @@ def publish(run: RunFolder, target: Path) -> None:
         run.results.rmdir()
     elif run.results.exists():  # else all has its place
         os.rename(run.results, target)
-    sync_folder(target)
-    sync_folder(target.parent)
+    integrity.sync_folder(target)
+    integrity.sync_folder(target.parent)
 
 
 def check_own(target: Path, names: Iterable[str]) -> None:
@@ -369,7 +363,7 @@ def _clear_old(results: Path, target: Path) -> None:
     outputs = _outputs(record)
     names = sorted({*outputs, *(entry.name for entry in results.iterdir())})
     placing = {"placing": results.name, "outputs": dict.fromkeys(names, 0)}
-    write_through(target / integrity.PROVENANCE, json.dumps(placing).encode())
+    integrity.write_through(target / integrity.PROVENANCE, json.dumps(placing).encode())
     if record.get("placing") == results.name:  # it was killed here: what is there are its own
         return
     for name in outputs:
@@ -466,19 +460,16 @@ def run_job(
             if not (options.restart or is_finished(run)):
                 take_back(run, target)
             result: T | None = None
-            if is_finished(run):  # and killed before all had its place
-                state.finished = True
-            else:
-                _compute(job, run, state.chunks, options, progress)
+            if not is_finished(run):  # else it was killed before all had its place
+                _compute(job, run, state, options, progress)
                 try:
                     result = finish(run)
                 except PhysicsError:  # as these frames and this scene would end again
-                    state.fresh = True
-                    state.chunks.clear()
+                    state.fresh, state.done = True, 0
                     raise
                 check_unchanged(stamps, stamps_of(job.identity))
                 _leave_record(run, job)
-                state.finished = True
+            state.done = job.layout.count
             publish(run, target)
             wipe(root)
             return result
@@ -504,42 +495,34 @@ def _leave_record(run: RunFolder, job: Job) -> None:
 
 @dataclass
 class _State:
-    """What is kept of a run: its finished `chunks`, or all of it, `finished`.
+    """What is kept of a run: how many items are `done`.
 
     `fresh`, whether the working folder holds nothing of an earlier run.
     """
 
     fresh: bool = False
-    chunks: dict[int, ChunkRecord] = field(default_factory=dict)
-    finished: bool = False
-
-    @property
-    def anything(self) -> bool:
-        """Whether something of the run is kept."""
-        return bool(self.chunks) or self.finished
+    done: int = 0
 
 
 @contextmanager
 def _saying(root: Path, job: Job) -> Iterator[_State]:
     """Say what is kept when a run ends before its time; where nothing is, leave nothing."""
     state, start = _State(), time.perf_counter()
-    count = job.layout.count
 
     def count_kept() -> str:
-        done = count if state.finished else sum(chunk.items for chunk in state.chunks.values())
-        return message("finished_kept", done=done, count=count)
+        return message("finished_kept", done=state.done, count=job.layout.count)
 
     try:
         yield state
     except IsochromeError as error:
         soon_again = state.fresh and time.perf_counter() - start < WORTH_KEEPING_S
         if soon_again and not isinstance(error, WorkersLost):
-            state.chunks.clear()
-        if not state.chunks:
+            state.done = 0
+        if not state.done:
             raise
         raise type(error)(error.message + f" ({count_kept()} in {root})") from error
     except KeyboardInterrupt:
-        if not state.anything:
+        if not state.done:
             raise Stopped(message("stopped_before_anything_finished")) from None
         raise Stopped(
             message("stopped_run_same_command", count_kept=count_kept(), root=root)
@@ -550,33 +533,31 @@ def _saying(root: Path, job: Job) -> Iterator[_State]:
             count_kept=count_kept(),
         ) from error  # fmt: skip
     finally:
-        if state.fresh and not state.anything:
+        if state.fresh and not state.done:
             with suppress(OSError):
                 wipe(root)
 
 
 def _compute(
-    job: Job,
-    run: RunFolder,
-    chunks: dict[int, ChunkRecord],
-    options: RunOptions,
-    progress: RunProgress | None,
+    job: Job, run: RunFolder, state: _State, options: RunOptions, progress: RunProgress | None
 ) -> None:
-    """Compute the chunks that are not there, whole; `chunks`, all that are, grows with each."""
+    """Compute the chunks that are not there, whole; what is done of the `state` grows with each."""
     checked = {index: check_chunk(run, index) for index in range(run.layout.chunks)}
-    for index, chunk in checked.items():
+    chunks = {
+        index: chunk
+        for index, chunk in checked.items()
         # failed items are for who asked to keep going: to all others they are to be said again
-        if chunk is not None and (options.keep_going or not chunk.failed):
-            chunks[index] = chunk
-    before = sum(chunk.items for chunk in chunks.values())
+        if chunk is not None and (options.keep_going or not chunk.failed)
+    }
+    state.done = before = sum(chunk.items for chunk in chunks.values())
     check_room(run.root, job.layout, job.layout.count - before)
     todo = [index for index in range(run.layout.chunks) if index not in chunks]
 
     def tell() -> None:
+        state.done = sum(chunk.items for chunk in chunks.values())
         if progress is not None:
-            done = sum(chunk.items for chunk in chunks.values())
             flagged = sum(chunk.flagged for chunk in chunks.values())
-            progress(Tally(done, run.layout.count, before, flagged))
+            progress(Tally(state.done, run.layout.count, before, flagged))
 
     tell()
     with closing(_finished(job, run, todo, options)) as finished:

@@ -7,6 +7,7 @@ The checksum is CRC-32C (Castagnoli), that of zarr's crc32c codec: it finds dama
 
 import json
 import os
+import shutil
 import stat
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
@@ -99,6 +100,53 @@ def file_sum(path: Path) -> int:
             checksum = crc32c(data, start=checksum)
             end = (end + data[-SUM_BYTES:])[-SUM_BYTES:]
     return _told_apart(checksum, end)
+
+
+def write_through(path: Path, *data: bytes | memoryview) -> None:
+    """Write a file beside its place, through to the disk, and give it its name. Raises OSError."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    beside = path.with_name(f".{path.name}.{os.getpid()}.part")
+    with open(beside, "wb") as file:
+        for piece in data:
+            file.write(piece)
+        file.flush()
+        os.fsync(file.fileno())
+    os.replace(beside, path)
+    sync_folder(path.parent)
+
+
+def write_checked(path: Path, body: dict[str, Any]) -> None:
+    """Write an object as JSON below a line with its checksum. Raises OSError."""
+    text = json.dumps(body).encode()
+    write_through(path, b"%08x\n" % crc32c(text), text)
+
+
+def read_checked(path: Path) -> Any:
+    """What `write_checked` wrote; None where it is not there, or not whole. Raises OSError."""
+    try:
+        head, _, body = path.read_bytes().partition(b"\n")
+    except FileNotFoundError:
+        return None
+    return json.loads(body) if head == b"%08x" % crc32c(body) else None
+
+
+def remove(entry: Path) -> None:
+    """Remove a file, a link, or a folder with all that is in it. Raises OSError."""
+    if entry.is_dir() and not entry.is_symlink():
+        shutil.rmtree(entry)
+    else:
+        entry.unlink()
+
+
+def sync_folder(folder: Path) -> None:
+    """Make a folder's names survive a power cut, where the system knows such a thing."""
+    if not hasattr(os, "O_DIRECTORY"):
+        return
+    handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
 
 
 FileSum = Sequence[int]

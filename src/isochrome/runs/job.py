@@ -8,9 +8,7 @@ A finished chunk on disk: its files, each whole, and a record of their checksums
 import hashlib
 import json
 import math
-import os
 import platform
-import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -311,7 +309,7 @@ STORE = "run.zarr"
 MANIFEST, RECORDS = "manifest.json", "records"
 """In a working folder what the run is a result of; the folder of the chunks' records."""
 
-_NO_MAP = 2**64 - 1
+_NO_MAP = np.iinfo(np.uint64).max
 """Place and length of a map that is not there, by zarr's sharding codec."""
 
 
@@ -380,11 +378,11 @@ def keep(run: RunFolder, index: int, results: Results) -> ChunkRecord:
             padding = int(np.prod(run.layout.chunk_shape)) - values.size
             pieces = [values.data.cast("B"), np.full(padding, np.nan, dtype="<f4").tobytes()]
             pieces.append(integrity.sum_bytes(integrity.crc32c(*pieces)))
-        write_through(run.chunk_file(layer.name, index), *pieces)
+        integrity.write_through(run.chunk_file(layer.name, index), *pieces)
         size = sum(memoryview(piece).nbytes for piece in pieces)
         sums["layers"][layer.name] = size, integrity.checksum_of(*pieces)
     for name, part in results.parts.items():
-        write_through(run.part_file(name, index), part)
+        integrity.write_through(run.part_file(name, index), part)
         sums["parts"][name] = len(part), integrity.checksum_of(part)
     states = [more["status"] for more in results.more]
     record = ChunkRecord(stop - start, sum(s != "ok" for s in states), states.count("failed"))
@@ -397,7 +395,7 @@ def keep(run: RunFolder, index: int, results: Results) -> ChunkRecord:
         "more": [_plain(more) for more in results.more],
         "left": results.left,
     }
-    write_checked(run.record_file(index), body)
+    integrity.write_checked(run.record_file(index), body)
     return record
 
 
@@ -421,7 +419,9 @@ def _shard(maps: Sequence[Any], count: int) -> list[bytes | memoryview]:
 def read_record_of(run: RunFolder, index: int) -> dict[str, Any] | None:
     """A chunk's record; None where none of this run is there, whole. Raises OSError."""
     file = run.record_file(index)
-    record: dict[str, Any] | None = read_checked(file) if integrity.is_record(file) else None
+    record: dict[str, Any] | None = (
+        integrity.read_checked(file) if integrity.is_record(file) else None
+    )
     return record if record is not None and record.get("of") == run.digest else None
 
 
@@ -452,53 +452,6 @@ def parts(run: RunFolder, name: str) -> Iterator[bytes]:
     for index in range(run.layout.chunks):
         if (file := run.part_file(name, index)).is_file():
             yield file.read_bytes()
-
-
-def write_through(path: Path, *data: bytes | memoryview) -> None:
-    """Write a file beside its place, through to the disk, and give it its name. Raises OSError."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    beside = path.with_name(f".{path.name}.{os.getpid()}.part")
-    with open(beside, "wb") as file:
-        for piece in data:
-            file.write(piece)
-        file.flush()
-        os.fsync(file.fileno())
-    os.replace(beside, path)
-    sync_folder(path.parent)
-
-
-def write_checked(path: Path, body: dict[str, Any]) -> None:
-    """Write an object as JSON below a line with its checksum. Raises OSError."""
-    text = json.dumps(body).encode()
-    write_through(path, b"%08x\n" % integrity.crc32c(text), text)
-
-
-def read_checked(path: Path) -> Any:
-    """What `write_checked` wrote; None where it is not there, or not whole. Raises OSError."""
-    try:
-        head, _, body = path.read_bytes().partition(b"\n")
-    except FileNotFoundError:
-        return None
-    return json.loads(body) if head == b"%08x" % integrity.crc32c(body) else None
-
-
-def remove(entry: Path) -> None:
-    """Remove a file, a link, or a folder with all that is in it. Raises OSError."""
-    if entry.is_dir() and not entry.is_symlink():
-        shutil.rmtree(entry)
-    else:
-        entry.unlink()
-
-
-def sync_folder(folder: Path) -> None:
-    """Make a folder's names survive a power cut, where the system knows such a thing."""
-    if not hasattr(os, "O_DIRECTORY"):
-        return
-    handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
 
 
 def _plain(row: dict[str, Any]) -> dict[str, Any]:

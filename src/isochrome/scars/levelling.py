@@ -105,7 +105,7 @@ class Roughness:
     def covariance(self, points: int) -> Array:
         """Covariance of the heights on a uniform grid of so many points (n, n), µm², definite."""
         bands = make_bands(points, self.spacing_mm)
-        return _definite((bands.waves * self._per_wave(bands)) @ bands.waves.T)
+        return definite((bands.waves * self._per_wave(bands)) @ bands.waves.T)
 
     def variance(self, weights: Array) -> tuple[float, float]:
         """Variance of w^T z for weights w (n,) on the grid, and the degrees of freedom it has.
@@ -127,7 +127,7 @@ class Roughness:
         return np.asarray((self.power_um2 / bands.members)[bands.band])
 
 
-def _definite(covariance: Array) -> Array:
+def definite(covariance: Array) -> Array:
     """A covariance that is definite beyond rounding."""
     return np.asarray(covariance + 1e-8 * np.diag(np.diag(covariance)))
 
@@ -153,7 +153,7 @@ def fit_roughness(heights_um: Array, unworn: Mask, form: Array, spacing_mm: floa
     log_power = np.log(size) + width - np.log(np.exp(width).sum())
     for _ in range(_STEPS):
         scaled = waves * np.exp(0.5 * (log_power - np.log(members)))[band]
-        inverse = np.linalg.inv(_definite(scaled @ scaled.T))
+        inverse = np.linalg.inv(definite(scaled @ scaled.T))
         carried = inverse @ basis
         projector = inverse - carried @ np.linalg.solve(basis.T @ carried, carried.T)
         weighted = scaled.T @ projector

@@ -11,7 +11,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,18 +49,16 @@ def _table(text: str, path: Path) -> tuple[Array, Array]:
     rows = numbered_lines(text)
     if not rows:
         raise InputError("empty", path=path, form=message(_FORM))
-    split = _Splitter([line for _, line in rows])
-    cells = [(number, split(line)) for number, line in rows[: _LEAD + 1]]
-
-    first = next((k for k, (_, row) in enumerate(cells) if _are_numbers(row)), None)
+    cells = _cells([line for _, line in rows])
+    head = cells[: _LEAD + 1]
+    first = next((k for k, row in enumerate(head) if _are_numbers(row)), None)
     if first is None:
         raise InputError(
-            "no_line_numbers_first", path=path, cells_count=len(cells), form=message(_FORM)
+            "no_line_numbers_first", path=path, cells_count=len(head), form=message(_FORM)
         )
-    x_column, z_column, x_unit, z_unit = _columns([row for _, row in cells[:first]], path)
+    x_column, z_column, x_unit, z_unit = _columns(head[:first], path)
     values = []
-    for number, line in rows[first:]:
-        row = split(line)
+    for (number, _), row in zip(rows[first:], cells[first:], strict=True):
         pair = [row[k] if k < len(row) else "" for k in (x_column, z_column)]
         for cell in pair:
             if not (_NUMBER.fullmatch(cell) and np.isfinite(float(cell))):
@@ -70,25 +68,20 @@ def _table(text: str, path: Path) -> tuple[Array, Array]:
     return x_unit * x, 1e3 * z_unit * z
 
 
-class _Splitter:
-    """How a table's lines are cut into cells, and which sign its decimals have.
+def _cells(lines: Sequence[str]) -> list[list[str]]:
+    """A table's lines cut into cells, with decimal points.
 
     By the last lines, which are numbers: tab or semicolon, comma, or blanks.
     """
-
-    def __init__(self, lines: Sequence[str]) -> None:
-        some = lines[-5:]
-        self.separator: str | None = ","
-        if all(re.search(r"[\d.]\s+[+-]?[\d.,]", line) for line in some):
-            self.separator = None
-        for mark in ("\t", ";"):
-            if all(mark in line for line in some):
-                self.separator = mark
-        self.comma = self.separator != "," and any("," in line for line in some)
-
-    def __call__(self, line: str) -> list[str]:
-        cells = [cell.strip().strip('"') for cell in line.split(self.separator)]
-        return [cell.replace(",", ".") for cell in cells] if self.comma else cells
+    some, separator = lines[-5:], cast("str | None", ",")
+    if all(re.search(r"[\d.]\s+[+-]?[\d.,]", line) for line in some):
+        separator = None
+    for mark in ("\t", ";"):
+        if all(mark in line for line in some):
+            separator = mark
+    if separator != "," and any("," in line for line in some):
+        lines = [line.replace(",", ".") for line in lines]
+    return [[cell.strip().strip('"') for cell in line.split(separator)] for line in lines]
 
 
 def _columns(head: Sequence[Sequence[str]], path: Path) -> tuple[int, int, float, float]:

@@ -185,7 +185,14 @@ def few_lines(distance_m: Floats, value: Floats, label: str) -> tuple[Floats, Fl
         knots = distance_m[[0, *bends, -1]]  # of a spline of the first degree
         fitted = np.asarray(make_lsq_spline(distance_m, value, knots, k=1, w=weight).c)
         residual = value - np.interp(distance_m, distance_m[bends], fitted)
-        worst = _worst_means(residual, bends, allowed, noise)
+        # of each stretch (m-1,) the largest mean of a quarter, over what is allowed there
+        parts = np.arange(_QUARTERS + 1) * np.diff(bends)[:, None] // _QUARTERS + bends[:-1, None]
+        rows = np.maximum(np.diff(parts, axis=1), 1)
+        over = np.abs(np.diff(np.r_[0.0, np.cumsum(residual)][parts], axis=1)) / rows
+        over /= allowed + _STANDARD_ERRORS * noise / np.sqrt(rows)
+        worst = np.where(
+            np.diff(bends) > 1, over.max(axis=1), 0.0
+        )  # nothing lies between neighbours
         order = np.argsort(-worst)[: FEW - len(bends)]
         chosen = order[worst[order] > 1.0]
         if not len(chosen):
@@ -198,14 +205,3 @@ def few_lines(distance_m: Floats, value: Floats, label: str) -> tuple[Floats, Fl
             averaged=_AVERAGED,
         )  # fmt: skip
     return distance_m[bends], fitted
-
-
-def _worst_means(residual: Floats, bends: Any, allowed: float, noise: float) -> Floats:
-    """Of each stretch (m-1,) the largest mean of a quarter, over what is allowed there, of which
-    `noise` is a row's; 0 for one between neighbours."""
-    parts = np.arange(_QUARTERS + 1) * np.diff(bends)[:, None] // _QUARTERS + bends[:-1, None]
-    total = np.r_[0.0, np.cumsum(residual)]
-    count = np.maximum(np.diff(parts, axis=1), 1)
-    over = np.abs(np.diff(total[parts], axis=1)) / count
-    over /= allowed + _STANDARD_ERRORS * noise / np.sqrt(count)
-    return np.where(np.diff(bends) > 1, over.max(axis=1), 0.0)

@@ -52,7 +52,13 @@ def with_pairs(model: type[BaseModel], data: Any) -> Any:
     if date is not None:
         plain[DATE_FIELD] = date
     pairs = dict(data.get(PAIRS, ())) | stated
-    valid = {key: u for key, u in pairs.items() if _is_number(plain, key)}
+    valid = {}
+    for key, spread in pairs.items():
+        part, _, name = key.partition(".")
+        table = plain.get(part)
+        value = table.get(name) if isinstance(table, dict) else getattr(table, name, None)
+        if isinstance(value, int | float) and not isinstance(value, bool):
+            valid[key] = spread
     if valid or PAIRS in data:
         plain[PAIRS] = tuple(sorted(valid.items()))
     return plain
@@ -135,14 +141,6 @@ def _is_measured(annotation: Any) -> bool:
     if typing.get_origin(annotation) is tuple:
         return False
     return annotation is float or any(_is_measured(a) for a in typing.get_args(annotation))
-
-
-def _is_number(data: Mapping[str, Any], key: str) -> bool:
-    """Whether tables hold a plain number at a dotted key."""
-    part, _, name = key.partition(".")
-    table = data.get(part)
-    value = table.get(name) if isinstance(table, dict) else getattr(table, name, None)
-    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 NO_KEYS = ("folder", "name", PAIRS, DATE_FIELD, FILES)

@@ -42,7 +42,6 @@ from isochrome.fitting import SceneRenderer, with_numerics
 from isochrome.frames import (
     Frame,
     FrameReader,
-    SequentialFrames,
     is_unloaded,
     likely_no_load,
     named_files,
@@ -243,7 +242,7 @@ class SetupSession:
         self._lock = threading.RLock()
         self._model: tuple[tuple[int, int], LiveModel, tuple[float, float]] | None = None
         self._named = set(_named_files(text))
-        self._readers: dict[Any, SequentialFrames] = {}
+        self._readers: dict[Any, FrameReader] = {}
         self.reader_files = tuple(Path(str(file)) for file in self.reader(None).files)
         if self.count(None) == 0:
             raise InputError("holds_no_frame_check", path=frames)
@@ -373,9 +372,6 @@ class SetupSession:
 
     def reader(self, scene: Scene | None) -> FrameReader:
         """The whole frames, turned as a scene says."""
-        return self._sequence(scene).reader
-
-    def _sequence(self, scene: Scene | None) -> SequentialFrames:
         options = reading_options(scene) if scene is not None else {}
         options["leave_out"] = self.left_out(scene)
         key = tuple(options.values())
@@ -384,7 +380,7 @@ class SetupSession:
                 opened = open_frames(self.frames, **options)
                 for one in self._readers.values():
                     one.close()
-                self._readers = {key: SequentialFrames(opened)}
+                self._readers = {key: opened}
             return self._readers[key]
 
     def scene_or_none(self) -> Scene | None:
@@ -403,7 +399,7 @@ class SetupSession:
     def frame(self, index: int, scene: Scene | None) -> Frame:
         """A whole frame."""
         self.count_with(index, scene)
-        return self._sequence(scene).frame(index)
+        return self.reader(scene).frame(index)
 
     def picture(self, index: int) -> NDArray[np.uint8]:
         """A frame (rows, cols) as it is shown: whole, turned, stretched to 8 bits."""

@@ -11,28 +11,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from isochrome import runs
 from isochrome.errors import InputError, PhysicsError
 from isochrome.figures import LINE_COLOURS, LINE_PT, PaperPanels, Plot, panels_figure, style_axes
 from isochrome.output import Result, columns_of, counted, numbers, read_csv, write_csv, write_text
 from isochrome.progress import RunProgress
-from isochrome.runs import (
-    STORE,
-    Column,
-    Job,
-    Layer,
-    Results,
-    RunFolder,
-    RunLayout,
-    RunOptions,
-    add_columns,
-    attributes,
-    named_units,
-    open_run,
-    rows,
-    run_identity,
-    run_job,
-    texts,
-)
 from isochrome.scene import Scene, SceneLike, dump_scene, load_scene
 from isochrome.simulation import picture_axes, simulate, state_count
 from isochrome.stress import pixel_grid
@@ -79,7 +62,9 @@ def make_grid(scene: Scene, vary: Sequence[str] | Mapping[str, Values]) -> Sweep
         key, given = _parsed(text) if not isinstance(vary, Mapping) else (text, vary[text])
         if key in values:
             raise InputError("vary_given_twice_give", key=key)
-        values[key] = tuple(float(v) for v in given)
+        now, values[key] = scene.get(key), tuple(map(float, given))
+        if isinstance(now, int) and not isinstance(now, bool):  # a seed, a number of pixels
+            values[key] = tuple(int(v) if v.is_integer() else v for v in values[key])
         if len(set(values[key])) < len(values[key]) or not values[key]:
             raise InputError("vary_needs_values_each", key=key, values=list(values[key]))
     if not values:
@@ -87,7 +72,7 @@ def make_grid(scene: Scene, vary: Sequence[str] | Mapping[str, Values]) -> Sweep
     count = math.prod(len(given) for given in values.values())
     if count > MAX_POINTS:
         raise InputError("vary_makes_points_allowed", count=count, max_points=MAX_POINTS)
-    grid = SweepGrid(scene, {key: _whole(scene, key, given) for key, given in values.items()})
+    grid = SweepGrid(scene, values)
     for index in range(count):
         grid.scene_at(index)
     return grid
@@ -112,17 +97,9 @@ def _parsed(text: str) -> tuple[str, list[float]]:
     return key.strip(), result
 
 
-def _whole(scene: Scene, key: str, values: tuple[float, ...]) -> tuple[float, ...]:
-    """Whole numbers for a key that the scene has as one: a seed, a number of pixels."""
-    now = scene.get(key)
-    if isinstance(now, int) and not isinstance(now, bool) and all(v.is_integer() for v in values):
-        return tuple(int(v) for v in values)
-    return values
-
-
 TABLE = "sweep.csv"
-ORDER = Layer("fringe_order", "1", "fringe order N", stack=False)
-GREY = Layer("grey", "1", "grey level that the camera stores", stack=False)
+ORDER = runs.Layer("fringe_order", "1", "fringe order N", stack=False)
+GREY = runs.Layer("grey", "1", "grey level that the camera stores", stack=False)
 
 
 @dataclass(frozen=True, repr=False)
@@ -159,7 +136,7 @@ class Swept(Result):
     @property
     def dataset(self) -> RunDataset:
         """The maps over the varied keys, state, z_mm and x_mm, see `open_run`."""
-        return open_run(self.out)
+        return runs.open_run(self.out)
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -191,7 +168,7 @@ class Swept(Result):
         return sweep_figure(tuple(self.axes), self.columns)
 
 
-def _simulated(grid: SweepGrid, layout: RunLayout, start: int, stop: int) -> Results:
+def _simulated(grid: SweepGrid, layout: runs.RunLayout, start: int, stop: int) -> runs.Results:
     """The points [start, stop) of a grid; one that physics refuses is empty, with the reason."""
     arrays: dict[str, list[np.ndarray]] = {layer.name: [] for layer in layout.layers}
     shape = tuple(layout.shape.values())
@@ -211,7 +188,9 @@ def _simulated(grid: SweepGrid, layout: RunLayout, start: int, stop: int) -> Res
             selected.append(pictures[name].astype(np.float32))
         table.append({"history": history, "reason": reason})
         more.append({"status": "failed" if reason else "ok"})
-    return Results({name: np.stack(selected) for name, selected in arrays.items()}, table, more)
+    return runs.Results(
+        {name: np.stack(selected) for name, selected in arrays.items()}, table, more
+    )
 
 
 def sweep(
@@ -287,16 +266,16 @@ def sweep(
     layout = _layout(grid)
     seed = scene.camera.seed if scene.camera else None
     axes = {key: list(values) for key, values in grid.values.items()}
-    identity = run_identity(dump_scene(scene), scene.files(of_frames=False), axes, seed)
-    job = Job(partial(_simulated, grid, layout), layout, identity)
-    options = RunOptions(workers, cluster, restart)
-    run_job(job, out, partial(_finish, job=job, grid=grid), options=options, progress=progress)
-    with open_run(out) as dataset:
+    identity = runs.run_identity(dump_scene(scene), scene.files(of_frames=False), axes, seed)
+    job = runs.Job(partial(_simulated, grid, layout), layout, identity)
+    options = runs.RunOptions(workers, cluster, restart)
+    runs.run_job(job, out, partial(_finish, job=job, grid=grid), options=options, progress=progress)
+    with runs.open_run(out) as dataset:
         reasons = [str(text) for text in dataset.reason.values.ravel() if text]
     return Swept(Path(out), layout.count, len(reasons), grid.values, tuple(dict.fromkeys(reasons)))
 
 
-def _layout(grid: SweepGrid) -> RunLayout:
+def _layout(grid: SweepGrid) -> runs.RunLayout:
     """The dataset's form, the same at all points. Raises InputError where it is not."""
     count = int(np.prod(list(grid.counts.values())))
     first = grid.scene_at(0)
@@ -313,10 +292,10 @@ def _layout(grid: SweepGrid) -> RunLayout:
     plain = steps == (None,) and not first.camera.colour
     layers = (ORDER, GREY) if plain else (ORDER,)
     shape = {"state": states, "row": rows_, "col": cols}
-    return RunLayout(axes=grid.counts, shape=shape, layers=layers, chunk=1)
+    return runs.RunLayout(axes=grid.counts, shape=shape, layers=layers, chunk=1)
 
 
-def _finish(run_folder: RunFolder, job: Job, grid: SweepGrid) -> None:
+def _finish(run_folder: runs.RunFolder, job: runs.Job, grid: SweepGrid) -> None:
     """Make the files that need all points, from what is kept of them in the `run_folder`.
 
     Raises PhysicsError where every point was refused, OSError.
@@ -331,28 +310,32 @@ def _finish(run_folder: RunFolder, job: Job, grid: SweepGrid) -> None:
     # the columns over the varied keys and state, and the axes' coordinates
     keys, count = (*grid.values, "state"), run_folder.layout.shape["state"]
     shape = (*grid.counts.values(), count)
-    columns: dict[str, Column] = {}
+    columns: dict[str, runs.Column] = {}
     for name in [name for name in table if name not in keys]:
         values, axes = table[name], keys
         text = any(isinstance(value, str) for value in values)
-        data = (texts(values) if text else numbers(values)).reshape(shape)
+        data = (runs.texts(values) if text else numbers(values)).reshape(shape)
         if name in ("status", "reason"):  # of the point, whatever its states
             data, axes = data[..., 0], axes[:-1]
-        columns[name] = Column(axes, data, named_units(name))
+        columns[name] = runs.Column(axes, data, runs.named_units(name))
     places = {**grid.values, "state": range(count)}
-    coordinates = {k: Column((k,), np.array(along), named_units(k)) for k, along in places.items()}
+    coordinates = {
+        k: runs.Column((k,), np.array(along), runs.named_units(k)) for k, along in places.items()
+    }
     if not any(key.startswith("camera.") for key in grid.values):
         coordinates |= picture_axes(pixel_grid(grid.scene_at(0)))
-    add_columns(run_folder.results / STORE, columns, coordinates, attributes(job.identity))
+    runs.add_columns(
+        run_folder.results / runs.STORE, columns, coordinates, runs.attributes(job.identity)
+    )
 
 
-def _table(run_folder: RunFolder, grid: SweepGrid) -> dict[str, list[Any]]:
+def _table(run_folder: runs.RunFolder, grid: SweepGrid) -> dict[str, list[Any]]:
     """A row for each state of each point: the varied keys, and the columns of history.csv."""
     table = columns_of(
         grid.point(index)
         | {"state": state, "status": more["status"], "reason": row["reason"]}
         | {name: values[state] for name, values in row["history"].items() if name != "state"}
-        for index, (row, more) in enumerate(rows(run_folder))
+        for index, (row, more) in enumerate(runs.rows(run_folder))
         for state in range(run_folder.layout.shape["state"])
     )
     return table | {"reason": table.pop("reason")}  # the last

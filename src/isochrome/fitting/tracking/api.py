@@ -19,7 +19,6 @@ from isochrome.fitting.tracking.result import TRACK_PARTS, Track, make_track, re
 from isochrome.fitting.tracking.tracker import Apparatus, Tracker, find_apparatus
 from isochrome.frames import (
     FrameReader,
-    SequentialFrames,
     input_files,
     load_no_load,
     open_scene_frames,
@@ -185,7 +184,6 @@ class _TrackWork:
 
     def __init__(self, reader: FrameReader, scene: Scene, keys: tuple[str, ...]) -> None:
         self.scene, self.keys, self.reader = scene, keys, reader
-        self._frames = SequentialFrames(reader)
         self._no_load = load_no_load(scene, full_shape=reader.full_shape)
         self.apparatus = Apparatus(scene=placed(scene, reader.shape))
         self._tracker()
@@ -204,7 +202,7 @@ class _TrackWork:
             tracker.resume(left)
         result = []
         for index in range(start, stop):
-            frame = self._frames.frame(index)
+            frame = self.reader.frame(index)
             distance = slid_until(self.scene, frame)
             result.append(track_row(index, distance, self.keys, tracker.track(frame, distance)))
         good = [row["positive"] and row["chi"] <= POOR_CHI for row in result]
@@ -217,7 +215,7 @@ class _TrackWork:
 
     def close(self) -> None:
         """Close the file."""
-        self._frames.close()
+        self.reader.close()
 
     def _tracker(self) -> Tracker:
         one, depth = self.apparatus, self.reader.bit_depth

@@ -37,15 +37,7 @@ from isochrome.fitting.frame.unknowns import BLUR, GAMMA, LENS, LOAD, WEAR, inpu
 from isochrome.fitting.result import TOO_FAR
 from isochrome.fitting.tracking.tracked_model import TrackedModel
 from isochrome.fitting.tracking.worn_course import WornCourse
-from isochrome.frames import (
-    Frame,
-    FrameReader,
-    Linear,
-    NoiseModel,
-    SequentialFrames,
-    estimate_noise,
-    full_scale,
-)
+from isochrome.frames import Frame, FrameReader, Linear, NoiseModel, estimate_noise, full_scale
 from isochrome.messages import message
 from isochrome.output import named_frames
 from isochrome.scene import Scene
@@ -136,11 +128,10 @@ def find_apparatus(
     if isinstance(scene.frames.gamma, str):
         return Apparatus(scene=scene)  # each whole frame finds its own
     bare = scene.model_copy(update={"stated_uncertainty": ()})  # a track has no priors
-    in_order = SequentialFrames(reader)
     for place in (0,) if scene.wear is not None else sorted({0, count // 2, count - 1}):
         # a blank frame is refused in its turn, or left out
         with suppress(InputError, PhysicsError):
-            frame = in_order.frame(place)
+            frame = reader.frame(place)
             one = scene_at(bare, slid_until(bare, frame) or 0.0)
             own = tuple(key for key in keys if one.wear is not None or not key.startswith("wear."))
             data = prepare_frame(frame, one, bit_depth=reader.bit_depth, no_load=no_load)
