@@ -22,17 +22,18 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import erf
 
 from isochrome.fringes.windows import Array, Mask, Windows, expanded, gaussian_sum, halved, masked
 from isochrome.optics import FringeWave
 
 _STEADY_PX = 4.0
-"""Over which an added light is taken as even."""
+"""Over which an added light is taken as even, and a bump is one."""
 _WINDOWS_PX = ((5.0, 8.0), (12.0, 16.0))
 """Wider ones, for which blocks of four pixels a side are enough: over which the order follows, and
 the light is even."""
-_FINE_PX, _AROUND_PX = 4.0, 20.0
-"""Windows of a bump and of its surroundings."""
+_AROUND_PX = 20.0
+"""Window of a bump's surroundings."""
 _SHOWN = 0.55
 """What such windows show of a round spot of 6 to 12 pixels: 0.57 to 0.52."""
 _SURELY = 4.0
@@ -116,9 +117,9 @@ class _Blocks:
 
     def bump(self) -> Array:
         """Square of how far the order differs from its surroundings, beyond the noise."""
-        fine = self.shift("light", _FINE_PX)
-        noise = self._windows["slope"].sum(_FINE_PX / np.sqrt(2.0))
-        informed = self._informed(_FINE_PX)
+        fine = self.shift("light", _STEADY_PX)
+        noise = self._windows["slope"].sum(_STEADY_PX / np.sqrt(2.0))
+        informed = self._informed(_STEADY_PX)
         away = fine - self.bent("light", _AROUND_PX)
         away *= away
         away -= _SURELY * noise / (informed * informed)
@@ -161,12 +162,10 @@ the noise leaves of an order."""
 
 LARGEST_MISFIT = 0.1
 """Of the light, over the contrast, where it tells an order."""
-_STEEPEST = 0.25
+STEEPEST = 0.25
+"""Fringes a pixel: finer than four pixels a fringe is not read, nor in colour, where beyond it
+a pixel's mixture is no longer of the second order."""
 _POOLED_PX = 3.0
-_ERF = (0.3480242, -0.0958798, 0.7478556)
-_ERF_SCALE = 0.47047
-_SUREST = 8.0
-"""Coefficients of `probability`, and SURE over an uncertainty of which it is 1 to 1e-15."""
 
 
 @dataclass(frozen=True)
@@ -230,7 +229,7 @@ def read_order(
         & (uncertainty < LARGEST_UNCERTAINTY)
         & (misfit < largest * largest)
         & (np.abs(shift) < BRANCH)
-        & (cv2.magnitude(*np.gradient(model)) < _STEEPEST)  # of four pixels, nor beside no specimen
+        & (cv2.magnitude(*np.gradient(model)) < STEEPEST)  # of four pixels, nor beside no specimen
     )
     shift += model
     return make_reading(np.abs(shift, out=shift), uncertainty, known, of=material)
@@ -295,22 +294,10 @@ def _moved_by_wide_windows(on_branch: _OnBranch) -> Array:
 
 
 def probability(uncertainty: Array) -> Array:
-    """Probability that an order with a normal error is right to `SURE`: erf(SURE/(√2 u)).
-
-    Equation: erf x = 1 - (a_1 t + a_2 t² + a_3 t³) exp(-x²), t = 1/(1 + p x), to 2.5e-5, in a fifth
-    of the time of more digits. Source: Abramowitz & Stegun (1964), Handbook of Mathematical
-    Functions, 7.1.25.
-    """
-    import cv2
-
-    # plain numbers, which leave single precision single
-    far = (SURE / 2.0**0.5) / np.maximum(uncertainty, SURE / _SUREST)
-    t = 1.0 / (1.0 + _ERF_SCALE * far)
-    total = t * _ERF[-1]
-    for factor in _ERF[-2::-1]:
-        total += factor
-        total *= t
-    return np.asarray(1.0 - total * cv2.exp(-far * far))
+    """Probability that an order with a normal error is right to `SURE`: erf(SURE/(√2 u))."""
+    with np.errstate(divide="ignore"):
+        far = (SURE / 2.0**0.5) / uncertainty
+    return np.asarray(erf(far))
 
 
 def make_reading(order: Array, uncertainty: Array, known: Mask, *, of: Mask) -> OrderReading:

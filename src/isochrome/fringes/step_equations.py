@@ -199,24 +199,19 @@ def _terms(maps: Array, design: StepDesign) -> StepTerms:
     return StepTerms(amplitude, solved[COSINE], sine, cross)
 
 
-_WINDOW_PX = 1.6
+DIRECTION_PX = 1.6
 _WIDE_PX = 6.0
 _WIDE_SPREAD = 0.2
 """What the wide window's 4θ is trusted to (rad), where the narrow one has nothing: whole orders."""
 
-_SLOPE_PX = 2.0
 _OFF = 0.007
 """Light, of the amplitude, that elements 0.2 degree off add: 0.0035 rad, twice in 2θ."""
 
 _BENT_PX = 3.0
 """Window over which the misfit of a bent direction is pooled."""
 
-_ONE_SIDED = 1.0 / (np.sqrt(2.0) - 1.0)
 _MOST = 0.95
-"""Share of a window that must be seen; beside an edge the error grows as its width instead."""
-
-_OF_NOISE = 1.0 / 6.0
-"""Variance, in the narrow window's, that noise gives the difference to a window √2 as wide."""
+"""Share of a window that must be seen for it to be beside no edge."""
 
 
 @dataclass(frozen=True)
@@ -233,7 +228,7 @@ class Direction:
     @property
     def spread(self) -> Array:
         """The same noise of 2θ if it were independent from pixel to pixel (rad)."""
-        return np.asarray(2.0 * np.minimum(self.scatter, 0.5) * np.sqrt(4.0 * np.pi) * _WINDOW_PX)
+        return np.asarray(2.0 * np.minimum(self.scatter, 0.5) * np.sqrt(4.0 * np.pi) * DIRECTION_PX)
 
     def noisier(self, times: Array) -> Direction:
         """The same where the light's noise is some times what was stated (rows, cols)."""
@@ -257,7 +252,7 @@ def four_theta(terms: StepTerms, design: StepDesign, sigma: Array | float) -> tu
     size = np.maximum(np.abs(terms.sine) ** 2 - 2.0 * spread * noise, 0.0) / (4.0 * spread)
     if terms.cross is not None:
         spread = 0.5 * (design.variance(CROSS) + design.variance(CROSS_SINE))
-        lift = np.maximum(pooled(terms.amplitude, 2.0 * _WINDOW_PX) - terms.cosine, 0.0)
+        lift = np.maximum(pooled(terms.amplitude, 2.0 * DIRECTION_PX) - terms.cosine, 0.0)
         along = along + terms.cross * lift / spread
         size = size + lift**2 / spread
     return along, size
@@ -268,9 +263,9 @@ def find_direction(
 ) -> Direction:
     """The continuous direction of a set of steps, up to 90° over each connected part."""
     along, size = (np.where(valid, part, 0.0) for part in four_theta(terms, design, sigma))
-    narrow, information = _centred(along, size, _WINDOW_PX)
+    narrow, information = _centred(along, size, DIRECTION_PX)
     wide = pooled(along, _WIDE_PX)
-    area = 4.0 * np.pi * _WINDOW_PX**2
+    area = 4.0 * np.pi * DIRECTION_PX**2
     noise = np.square(sigma)
     wide = wide / np.maximum(np.abs(wide), 1e-30) * noise / (area * _WIDE_SPREAD**2)
     angle = np.angle(narrow + wide)
@@ -288,15 +283,16 @@ def _bent(along: Array, size: Array, narrow: Array, scatter: Array, valid: Mask)
     """Error of θ (rad) where the direction bends within the window.
 
     It grows as the window's area, so that the difference to one of twice the area is the error
-    itself, and noise, whose share is taken off.
+    itself, and noise, whose share is taken off: a sixth of the narrow window's variance. Beside an
+    edge the error grows as the window's width instead.
     """
-    double = np.sqrt(2.0) * _WINDOW_PX
+    double = np.sqrt(2.0) * DIRECTION_PX
     other, _ = _centred(along, size, double)
     away = 0.25 * np.angle(other * np.conj(narrow))
     share = gaussian_filter(valid.astype(np.float32), double, mode="constant")
-    away *= np.where(share > _MOST, 1.0, _ONE_SIDED)
+    away *= np.where(share > _MOST, 1.0, 1.0 / (2.0**0.5 - 1.0))
     trust = 1.0 / np.square(scatter)
-    square = pooled(trust * np.square(away) - _OF_NOISE, _BENT_PX)
+    square = pooled(trust * np.square(away) - 1.0 / 6.0, _BENT_PX)
     return np.asarray(np.sqrt(np.maximum(square, 0.0) / pooled(trust, _BENT_PX)))
 
 
@@ -307,7 +303,7 @@ def _centred(along: Array, size: Array, window_px: float) -> tuple[Array, Array]
     window of width w, where 4θ is another by its gradient: ψ(0) = ψ - ∇ψ w² ∇J/J.
     """
     narrow, information = pooled(along, window_px), pooled(size, window_px)
-    rough = pooled(narrow, _SLOPE_PX)
+    rough = pooled(narrow, _MISFIT_PX)
     square = np.maximum(np.square(np.abs(rough)), 1e-30)
     turn = np.zeros(information.shape)
     for axis in (0, 1):

@@ -55,18 +55,29 @@ import numpy as np
 from scipy import ndimage
 
 from isochrome.estimation import POOR_CHI
-from isochrome.fringes.on_branch import LARGEST_UNCERTAINTY, SURE, OrderReading, make_reading
-from isochrome.fringes.step_equations import Direction, StepLight, StepTerms, measure_steps, unwrap
+from isochrome.fringes.on_branch import (
+    BRANCH,
+    LARGEST_UNCERTAINTY,
+    SURE,
+    OrderReading,
+    make_reading,
+)
+from isochrome.fringes.step_equations import (
+    DIRECTION_PX,
+    Direction,
+    StepLight,
+    StepTerms,
+    measure_steps,
+    unwrap,
+)
 from isochrome.fringes.windows import Array, Mask, block_means, masked, valid_means
 from isochrome.messages import message
 from isochrome.optics import Chain
 
 _BLOCK = 4
 _FULL = 0.7
-_WIDTHS = (12.0, 8.0, 5.0, 3.0, 2.0)
-"""Of the Gaussians, in blocks of pixels, the widest first: noise falls as the sixth power of it."""
-
 _SUPPORT = 3.5
+"""Of a Gaussian, in its widths."""
 _FEWEST = 5.0
 """Independent places, of one Gaussian's area each, that a part must have."""
 
@@ -116,7 +127,9 @@ def balance(
     )
     # a masked pixel here and there is no edge of the part
     depth = ndimage.distance_transform_edt(np.pad(share > _FULL, 1))[1:-1, 1:-1]
-    for width in _WIDTHS:
+    # Gaussians, the widest first that fits: the noise falls as the sixth power of its width
+    widest = float(depth.max()) / _SUPPORT
+    for width in widest * 2.0 ** -np.arange(1.0, np.log2(max(widest, 2.0)), 0.5):
         use = depth > _SUPPORT * width
         places = np.count_nonzero(use) / (4.0 * np.pi * width**2)
         if places < _FEWEST:
@@ -169,8 +182,7 @@ _SMALLEST_SHARE = 0.02
 
 _NEAR_PX = 3
 _TIE = 0.1
-_FAR = 0.25
-"""Misfit, in fringes, of a known order or a model beyond which it is another number, or wrong."""
+"""Misfit, in fringes, by which two numbers are as good; beyond `BRANCH` none is."""
 
 
 @dataclass(frozen=True)
@@ -262,7 +274,7 @@ def _from_seeds(
     tried = np.unique(np.rint([orders - here, -orders - here])).astype(int)
     misfit = np.array([np.mean(np.abs(np.abs(here + m) - orders)) for m in tried])
     best = tried[misfit < misfit.min() + _TIE]
-    if misfit.min() > _FAR:
+    if misfit.min() > BRANCH:
         return None, [message("frames_known_order_disagrees_light", min=misfit.min())]
     if len(best) > 1 and balanced not in best:
         return None, [message("frames_known_order_leaves_two")]
@@ -288,7 +300,7 @@ def _from_model(turns: Array, inside: Mask, model: Array) -> int | None:
     tried = np.unique(np.add.outer(middle, np.arange(-2, 3))).astype(int)
     misfit = np.array([np.average(np.abs(np.abs(here + m) - order), weights=weight) for m in tried])
     first, second = np.sort(misfit)[:2]
-    return int(tried[misfit.argmin()]) if first < _FAR and second > 2.0 * first else None
+    return int(tried[misfit.argmin()]) if first < BRANCH and second > 2.0 * first else None
 
 
 STEEPEST = 0.4
@@ -486,10 +498,6 @@ _TINY = 1e-9
 _SMALL = 0.15
 """Order below which the least order that the light allows is the order."""
 
-_SMOOTHED = 0.928
-"""Of the direction's noise, which is pooled already, what smoothing n leaves: from the kernels'
-Gaussians of widths w = 1.2 and W = 1.6, W² (4/(W² + w²) - 4/(W² + 1.5 w²) + 1/(W² + 2 w²))."""
-
 _NOTABLE = 0.02
 """Share of the directions that is left out and said."""
 
@@ -583,7 +591,10 @@ def _of_load(
     shown = np.where(small, least, shown)
     field = shown if residual is None else np.where(known, shown - residual.field, 0.0)
     field, along = smoothed(field, light.uncertainty, known, windows_px)
-    less = np.where(along < light.uncertainty, 1.0 - _SMOOTHED**2, 0.0)
+    # what smoothing n takes of the direction's noise, which is pooled already, by both kernels
+    ratio = (WINDOW_PX / DIRECTION_PX) ** 2
+    smoothed_off = 1.0 - 4.0 / (1.0 + ratio) + 4.0 / (1.0 + 1.5 * ratio) - 1.0 / (1.0 + 2.0 * ratio)
+    less = np.where(along < light.uncertainty, smoothed_off, 0.0)
     less *= np.square(light.direction.scatter)
     turn = np.sqrt(np.square(light.direction.uncertainty) - less)
     across = np.where(small, least_spread(least, along), 2.0 * np.abs(shown) * turn)

@@ -350,7 +350,8 @@ def _part_at(patches: Patches, labels: Labels, p: StatedPlace) -> int:
     return -1 if far > HALF + STRIDE else int(labels.part[p.patch])
 
 
-_BINNINGS = (4, 2, 1)
+_COARSEST = 4
+"""Pixels a side of the first bins, which are halved."""
 _LEAST_PIXELS = 7 * SIDE // 2
 """Pixels, after binning, of the shorter side of a frame: three patches and a half without overlap.
 """
@@ -515,7 +516,8 @@ def _coarse_to_fine(
     """
     expected: tuple[Array, Array] | None = None
     told: Array | None = None
-    binnings = [b for b in _BINNINGS if b == 1 or min(wave.shape) // b >= _LEAST_PIXELS]
+    halved = (_COARSEST >> k for k in range(_COARSEST.bit_length()))
+    binnings = [b for b in halved if b == 1 or min(wave.shape) // b >= _LEAST_PIXELS]
     for k, binning in enumerate(binnings):
         frame = binned(wave, sigma, valid, binning)
         contrast = None if told is None or not faded else everywhere(told)

@@ -35,6 +35,7 @@ from scipy.sparse.csgraph import breadth_first_order, connected_components, mini
 
 from isochrome.errors import InputError
 from isochrome.estimation import State, minimise_all, sandwich, solve_all, total_degree
+from isochrome.fringes.on_branch import SURE
 from isochrome.fringes.windows import Array, Indices, Mask, block_means, gaussian
 
 HALF, STRIDE = 6, 5
@@ -380,7 +381,7 @@ def scale_of(a: Array, b: Array, variance: Array) -> Array:
     return np.asarray(np.sqrt(variance + BEND**2 + (_STEEP_BEND * size) ** 2))
 
 
-LEAST_FILLED, _LEAST_SURE = 0.6, 0.05
+LEAST_FILLED = 0.6
 _GUIDE = 3.0
 """Width of what a binned frame lets the finer one do, in its own uncertainties."""
 WORST_EDGE = 12.0
@@ -409,7 +410,7 @@ def label_patches(patches: Patches) -> Labels:
     Parameters: `patches`. Returns Labels; parts are numbered from the largest, 0.
     """
     shape, count = patches.chi.shape, patches.chi.size
-    good = (patches.filled > LEAST_FILLED) & (patches.spread[..., 0] < _LEAST_SURE)
+    good = (patches.filled > LEAST_FILLED) & (patches.spread[..., 0] < SURE)
     good = (good & (patches.chi < WORST_CHI)).ravel()
     a, b, *half_way = neighbours(patches, patches.terms)
     signs, shifts, cost, other = _relation(*half_way)

@@ -35,6 +35,7 @@ from scipy.sparse.csgraph import breadth_first_order, connected_components, maxi
 from skimage.measure import label
 from skimage.segmentation import expand_labels
 
+from isochrome.fringes.on_branch import BRANCH, SURE
 from isochrome.fringes.single_frame.patches import (
     HALF,
     SMALLEST,
@@ -50,15 +51,15 @@ from isochrome.fringes.windows import Array, Indices, Mask, gaussian
 from isochrome.messages import message
 from isochrome.scene import FreeCorner
 
-_BANDS = (0.1, 0.03)
-"""Half-widths, in fringes, of what counts as near a crest. The wide one leaves a seam its way round
-patches that noise has thrown off; the narrow one sees corners that lie just beyond the crest."""
 _SETTLED = 0.5
 """Share of what all edges of a seam say that they must be worth together: edges that agree give
 1, contradicting ones 0. In rendered frames settled seams gave 0.59 at least, open ones 0."""
 _SETTLED_ZERO = 0.95
 """The same where turning over takes a line of N = 0 away, which a loaded body hardly has: every
 edge must then speak against it."""
+_BANDS = (0.1, 0.03)
+"""Half-widths, in fringes, of what counts as near a crest. The wide one leaves a seam its way round
+patches that noise has thrown off; the narrow one sees corners that lie just beyond the crest."""
 NOUGHT, FEWEST_PATCHES = 0.1, 6
 """Fringes beyond nought, and patches, on either side of a line of N = 0."""
 _NEAR = 3
@@ -261,14 +262,10 @@ STATED_SPREAD = 0.035
 """Standard deviation, in fringes, of an order that a user counts and estimates between lines."""
 MOST_COST = 16.0
 """Most that a point costs, chi²: many outvote one that is off."""
-_WITHIN = 0.24
-"""Fringes within which an order fits the light: estimates may be rough."""
 _BESIDE_LINE_PX = 1.5
 """Standard deviation of a place that a user marks across a fringe line, and how many of them it"""
 _FAR_BESIDE = 3.0
 """may lie beside it."""
-_TURNED = 0.05
-"""Fringes by which all around a point must lie below it for a maximum, or above for a minimum."""
 CLEAR = 8.0
 """By how much a whole number must be better than another, chi²: odds of 50 to 1."""
 
@@ -421,7 +418,7 @@ def stated_place(
         nearest = np.unravel_index(np.where(beside, away, np.inf).argmin(), away.shape)
     patch = int(nearest[0]), int(nearest[1])
     off = np.array(row - patches.rows[patch[0]]), np.array(col - patches.cols[patch[1]])
-    sigma, within = STATED_SPREAD, _WITHIN
+    sigma, within = STATED_SPREAD, BRANCH  # estimates may be rough
     if known.is_line:
         slope = float(np.hypot(*terms[patch][1:3]))
         sigma = float(np.hypot(sigma, _BESIDE_LINE_PX * slope))
@@ -447,9 +444,9 @@ def _above(values: Array, patch: tuple[int, int], at: float) -> float:
     for k in range(1, int(away.max()) + 1):
         around = values[away == k]
         fall = at - around[np.isfinite(around)]
-        if 2 * fall.size < around.size or (fall.max() > _TURNED and fall.min() < -_TURNED):
+        if 2 * fall.size < around.size or (fall.max() > SURE and fall.min() < -SURE):
             return 0.0
-        if np.abs(fall).min() > _TURNED:
+        if np.abs(fall).min() > SURE:
             return float(fall.mean())
     return 0.0
 
