@@ -27,7 +27,13 @@ from scipy import ndimage
 
 from isochrome.errors import InputError
 from isochrome.fringes.colour_table import STEP, Choice, ColourTable, choose_orders
-from isochrome.fringes.on_branch import LARGEST_UNCERTAINTY, OrderReading, probability
+from isochrome.fringes.on_branch import (
+    LARGEST_UNCERTAINTY,
+    STEEPEST,
+    SURE,
+    OrderReading,
+    probability,
+)
 from isochrome.fringes.unknown_light import JUMP, TABLE_ERROR, FrameExposure, find_frame_light
 from isochrome.fringes.windows import Array, Mask, beside_jumps, gaussian_sum, masked, nearest_known
 
@@ -87,13 +93,10 @@ def _lit(contrast: Array, valid: Mask) -> Mask:
     return np.asarray((smooth > LEAST_CONTRAST) & (share > 0.5 * LEAST_CONTRAST))
 
 
-_WINDOWS_PX = (2.0, 1.5, 1.5, 1.2)
-_BASE_PX = 2.0
-_EVIDENCE_BLOCKS = 1.5
+_WINDOW_PX, _POOLINGS = 1.5, 3
+"""Window over which an order is pooled, in pixels or blocks, and how often."""
 _FLAT = 0.1
 _LARGEST_STEP = 0.1
-_STEEPEST = 0.3
-_PRIOR = 100.0  # 1/0.1², against a division by nothing
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,25 +129,27 @@ def refine_colour(
     order, agreed, doubt = _base(choice, factor, trusted.shape[:2])
     weight = np.where(trusted, 1.0 / shown.variance, 0.0).astype(np.float32)
     signal = np.nan_to_num(shown.signal).astype(np.float32)
-    for width in _WINDOWS_PX:
+    for _ in range(_POOLINGS):
         ideal, slope = _look_up(order, table)
         pull = weight * slope
-        information = gaussian_sum((pull * slope).sum(axis=-1), width)
-        step = gaussian_sum((pull * (signal - ideal)).sum(axis=-1), width) / (information + _PRIOR)
+        information = gaussian_sum((pull * slope).sum(axis=-1), _WINDOW_PX)
+        step = gaussian_sum((pull * (signal - ideal)).sum(axis=-1), _WINDOW_PX) / (
+            information + _LARGEST_STEP**-2
+        )
         step = np.clip(step, -_LARGEST_STEP, _LARGEST_STEP)
         order = np.clip(order + step, -table.highest, table.highest)
     ideal, slope = _look_up(order, table)
     square = np.where(trusted, signal - ideal, 0.0) ** 2
     count = trusted.sum(axis=-1)
-    near = np.maximum(gaussian_sum(count, width), 1e-6)
+    near = np.maximum(gaussian_sum(count, _WINDOW_PX), 1e-6)
     chi2 = (weight * square).sum(axis=-1)
-    misfit = np.sqrt(gaussian_sum(chi2, width) / near)
+    residual = np.sqrt(gaussian_sum(square.sum(axis=-1), _WINDOW_PX) / near)
+    misfit = np.sqrt(gaussian_sum(chi2, _WINDOW_PX) / near)
     gain, taken = _kernel(factor)
-    spread = gain * _spread(order, weight, slope, table, width) * np.maximum(misfit, 1.0)
+    spread = gain * _spread(order, weight, slope, table) * np.maximum(misfit, 1.0)
     return ColourValue(
         order=np.abs(order), uncertainty=np.hypot(spread, step), doubt=doubt, agreed=agreed,
-        misfit=misfit, residual=np.sqrt(gaussian_sum(square.sum(axis=-1), width) / near), chi2=chi2,
-        degrees=np.maximum(count - taken, 0.0),
+        misfit=misfit, residual=residual, chi2=chi2, degrees=np.maximum(count - taken, 0.0),
     )  # fmt: skip
 
 
@@ -158,11 +163,11 @@ def _base(choice: Choice, factor: int, shape: tuple[int, ...]) -> tuple[Array, M
     outliers = known & (np.abs(filled - middle) > JUMP)
     filled = np.where(outliers, middle, filled)
     weight = known.astype(float)
-    smooth = ndimage.gaussian_filter(filled, _BASE_PX / factor, mode="nearest")
+    smooth = ndimage.gaussian_filter(filled, _WINDOW_PX / factor, mode="nearest")
     agreed = known & ~outliers
-    count = np.maximum(gaussian_sum(weight, _EVIDENCE_BLOCKS), 1e-6)
-    chi2 = gaussian_sum(np.where(known, choice.misfit, 0.0), _EVIDENCE_BLOCKS) / count
-    evidence = gaussian_sum(np.where(known, choice.margin, 0.0), _EVIDENCE_BLOCKS)
+    count = np.maximum(gaussian_sum(weight, _WINDOW_PX), 1e-6)
+    chi2 = gaussian_sum(np.where(known, choice.misfit, 0.0), _WINDOW_PX) / count
+    evidence = gaussian_sum(np.where(known, choice.margin, 0.0), _WINDOW_PX)
     doubt = np.exp(-0.5 * np.clip(evidence / np.maximum(0.5 * chi2, 1.0), 0.0, 200.0))
     rows, cols = (
         np.clip((np.arange(n) + 0.5) / factor - 0.5, 0, m - 1)
@@ -192,17 +197,17 @@ def _mixture(order: Array, table: ColourTable) -> Array:
     To the second order in the gradient; at 0.25 fringe a pixel the fourth is 0.01 of full light.
     """
     steepness = sum(step**2 for step in np.gradient(order))
-    steepness = np.minimum(ndimage.gaussian_filter(steepness, _WINDOWS_PX[-1]), _STEEPEST**2)
+    steepness = np.minimum(ndimage.gaussian_filter(steepness, _WINDOW_PX), STEEPEST**2)
     bend = table.bend.astype(np.float32)[table.place(np.abs(order))]
     return np.asarray(steepness[..., None].astype(np.float32) / 24.0 * bend)
 
 
-def _spread(order: Array, weight: Array, slope: Array, table: ColourTable, width: float) -> Array:
+def _spread(order: Array, weight: Array, slope: Array, table: ColourTable) -> Array:
     """Standard deviation of the pooled order; about N = 0, where s is even, that of N² counts."""
 
     def spread(information: Array) -> Array:
-        square = gaussian_sum(information, width / np.sqrt(2.0))
-        return np.sqrt(square) / np.maximum(gaussian_sum(information, width), 1e-9)
+        square = gaussian_sum(information, _WINDOW_PX / np.sqrt(2.0))
+        return np.sqrt(square) / np.maximum(gaussian_sum(information, _WINDOW_PX), 1e-9)
 
     plain = spread((weight * slope**2).sum(axis=-1))
     bend = (table.signal[int(_FLAT / STEP)] - table.signal[0]) / _FLAT**2
@@ -220,10 +225,9 @@ def _kernel(factor: int) -> tuple[float, float]:
     """
     f = np.linspace(0.0, 0.5, 257)[:, None]
     squared = 2.0 * np.pi**2 * (f**2 + f.T**2)
-    smoothing = 1.0 - np.exp(-squared * _BASE_PX**2) * np.sinc(factor * f) * np.sinc(factor * f.T)
-    for width in _WINDOWS_PX:
-        smoothing = smoothing * (1.0 - np.exp(-squared * width**2))
-    last = np.exp(-squared * _WINDOWS_PX[-1] ** 2)
+    last = np.exp(-squared * _WINDOW_PX**2)
+    smoothing = 1.0 - last * np.sinc(factor * f) * np.sinc(factor * f.T)
+    smoothing = smoothing * (1.0 - last) ** _POOLINGS
     gain = np.sqrt(np.mean((1.0 - smoothing) ** 2) / np.mean(last**2))
     return float(gain), float(1.0 - np.mean(smoothing**2))
 
@@ -231,26 +235,16 @@ def _kernel(factor: int) -> tuple[float, float]:
 BINNED_FROM = 150_000
 """Pixels of a frame from which on branches are chosen for blocks of 2 x 2 of them."""
 
-LOST = 0.03
+LOST = 0.04
 """Share of pixels whose colours are not the table's from which on nothing is read: frames that the
-table describes leave 0.6 % at most, a wrong spectrum, response or gamma 5 % on."""
-
-LOST_SPREAD = 0.05
-"""The same for a table with a scatter of its own: what the frames it was found from differ in."""
-
-STEEPEST = 0.25
-"""Fringes a pixel beyond which a pixel's mixture of colours is no longer of the second order."""
+table describes leave 0.6 % at most, or 3 % where loads stand, a wrong spectrum, response or gamma
+5 % on."""
 
 _LARGEST_DOUBT = 0.02
 _LARGEST_RESIDUAL = 0.05
 _LARGEST_MISFIT = 2.0
-_SMALLEST_ISLAND = 0.002
-_LEAST_CONTRAST = (0.04, 0.1)  # of fringes in white, with no-load frames and without
-_BELOW_WHITE = 0.25
-_FOUND_ENDS = 0.001  # fringes: what a quadratic surface leaves of an illumination
-_UNLIT_ORDER = 0.045
+_LEAST_CONTRAST = 0.1  # of fringes in white
 _UNLIT_PX = 6
-_SPREAD = 0.01
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -294,28 +288,23 @@ def read_colour(
     choice = choose_orders(*_blocks(shown, factor), table)
     value = refine_colour(shown, choice, factor, table)
     trusted = np.isfinite(shown.signal)
-    variance = shown.order_variance + (_FOUND_ENDS * shown.blind) ** 2
-    uncertainty = np.sqrt(value.uncertainty**2 + variance)
+    uncertainty = np.sqrt(value.uncertainty**2 + shown.order_variance)
     readable = (trusted.sum(axis=-1) >= 2) & (np.hypot(*np.gradient(value.order)) < STEEPEST)
     span = max(1.0, float(np.ptp(table.signal)))
     described = (value.misfit < _LARGEST_MISFIT) | (value.residual < _LARGEST_RESIDUAL * span)
     pixels = max(int(np.count_nonzero(readable)), 1)
     strange = float(np.count_nonzero(readable & ~described) / pixels)
-    lost = strange >= (LOST if table.spread.max() < _SPREAD else LOST_SPREAD)
-    highest = table.highest_of(_LEAST_CONTRAST[shown.blind]) - _BELOW_WHITE
+    lost = strange >= LOST
+    highest = table.highest_of(_LEAST_CONTRAST)
     known = readable & described & value.agreed & (value.order < highest) & (not lost)
     known &= (value.doubt < _LARGEST_DOUBT) & (uncertainty < LARGEST_UNCERTAINTY)
     # only the frame says where light is: black places might be no specimen at all
     if bright is None and specimen is None:
-        core = ndimage.distance_transform_edt(value.order < _UNLIT_ORDER) > _UNLIT_PX
+        core = ndimage.distance_transform_edt(value.order < SURE) > _UNLIT_PX
         if core.any():
             known &= ndimage.distance_transform_edt(~core) > _UNLIT_PX + 4
-    # without what is beside a jump of the order, and pieces too small to be guided
+    # without what is beside a jump of the order
     known &= ~ndimage.binary_dilation(beside_jumps(value.order, JUMP), iterations=2)
-    pieces, _ = ndimage.label(known)
-    size = np.bincount(pieces.ravel())
-    size[0] = 0
-    known &= (size >= _SMALLEST_ISLAND * size.sum())[pieces]
     sure = probability(uncertainty) * (1.0 - value.doubt)
     degrees = float(value.degrees[readable].sum(dtype=float))
     body = int(np.count_nonzero(shown.lit if specimen is None else specimen))

@@ -357,13 +357,7 @@ _REST = 1e-3
 _SAMPLES = 16_000
 _FEWEST = 50
 _FARTHEST = 25.0
-_COLOURFUL = 0.15
 _LARGEST_STEP = 0.3
-_OF_THREE = 3.0 / 2.0  # each pixel's own order has taken one of its three signals
-_MEDIAN_OF_TWO = 1.386  # of chi² with two degrees of freedom
-_EXPOSURES = np.arange(-1.5, 1.6, 0.1)
-"""Log brightness to start from besides 0, where no order gives the colours there."""
-
 _FITS, _AS_WELL, _SURE = 4.0, 0.5, 2.0
 """chi² of a pixel that fits; by how much less another exposure must leave, and how far off it must
 be, in its standard uncertainties, to be one."""
@@ -495,8 +489,10 @@ def find_light(
     fitted, size = float(np.exp(best.theta[_GAMMA])), shots.raw.shape[1:3]
     background, illumination = known.ends(best.theta)
     away, square = best.all_of("away"), best.all_of("square")
+    # each pixel's own order has taken one of its three signals
+    spread = np.sqrt(3.0 / 2.0 * np.mean(away**2, axis=0))
     return OwnLight(
-        table=replace(best.table, spread=np.sqrt(_OF_THREE * np.mean(away**2, axis=0))),
+        table=replace(best.table, spread=spread),
         gamma=fitted, gamma_uncertainty=fitted * float(np.sqrt(covariance[_GAMMA, _GAMMA])),
         numbers=best.theta[:NUMBERS], brightness=np.exp(best.theta[known.frames]),
         background=_enlarged(background, size),
@@ -572,7 +568,8 @@ def _exposed(known: Unknowns, table: ColourTable) -> tuple[_State, float]:
     (alike, _), (best, _) = _search(known, 0.0, 1), _search(known, 0.0)
     misfit = best.looks[0].misfit
     if misfit.sum() > _FITS * len(misfit):  # no order gives these colours: too far away
-        start = min(_EXPOSURES, key=lambda b: _search(known, b, 1)[0].cost)
+        starts = EXPOSED * np.linspace(-3.0, 3.0, 31)
+        start = min(starts, key=lambda b: _search(known, b, 1)[0].cost)
         best = min(best, _search(known, start)[0], key=lambda state: state.cost)
     away, spread = float(best.theta[_FRAMES]), _log_spread(best, table)
     as_well = alike.cost - best.cost < _AS_WELL * len(misfit)
@@ -689,7 +686,7 @@ def _look(
     choice = choose_orders(signal.astype(np.float32), variance.astype(np.float32), table)
     tears = beside_jumps(choice.order, JUMP)
     inside = ~tears & np.isfinite(signal).all(axis=-1) & (choice.misfit < _FARTHEST)
-    inside &= table.coloured(signal, _COLOURFUL)
+    inside &= table.coloured(signal, STRANGE)
     place = table.place(choice.order[inside])
     ideal, slope = table.signal[place], table.slope[place]
     away = signal[inside] - ideal
@@ -744,7 +741,7 @@ def _correction(
     weight = 1.0 / (1.0 + (size / (9.0 * usual)) ** 2)
     normal = np.einsum("p,pcn,pcm->nm", weight, flat, flat, optimize=True) + hold
     right = np.einsum("p,pcn,pc->n", weight, flat, residual) + hold @ back
-    scale = max(1.0, usual / _MEDIAN_OF_TWO)
+    scale = max(1.0, usual / np.log(4.0))  # the median of chi² with two degrees of freedom
     inverse = np.linalg.inv(normal)
     return inverse @ right, scale * inverse
 
