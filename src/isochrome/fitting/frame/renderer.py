@@ -380,13 +380,14 @@ class SceneRenderer:
     def _waves(self, surface: SurfaceState, pixels: PixelGrid, slopes: bool) -> SeriesField:
         """The half-plane's field; the lattice of waves is made again where it does not reach."""
         grid = surface.grid
+        own = pixels.rows, pixels.cols, pixels.pixel_mm, grid.nodes, grid.spacing_mm
         for fresh in (False, True):
             series = self._series
             if (
                 series is None
                 or fresh
-                or (series.nodes, series.spacing_mm) != (grid.nodes, grid.spacing_mm)
-                or series.pitch_mm != pixels.pixel_mm
+                or own
+                != (series.rows, series.cols, series.pitch_mm, series.nodes, series.spacing_mm)
             ):
                 series = self._series = _lattice(surface, pixels)
             try:
