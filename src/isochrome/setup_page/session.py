@@ -164,7 +164,7 @@ class LiveModel:
     def _start(self, scene: Scene) -> None:
         """Choose the nodes on the surface: they stay as values move."""
         self._base = with_numerics(scene)
-        self._renderers: dict[tuple[int, int], SceneRenderer] = {}
+        self._renderer = SceneRenderer(self._base, self.shape, rough=True)
 
     def signal(self, values: Mapping[str, float]) -> NDArray[np.floating]:
         """The polariscope's signal (rows, cols) for values by key, 1 for full light.
@@ -184,13 +184,8 @@ class LiveModel:
             return self._signal(self._base)
 
     def _signal(self, scene: Scene) -> NDArray[np.floating]:
-        pixels = pixel_grid(scene, self.shape)
-        around = pixels.around()  # whose size a renderer takes for granted
-        size = around.rows, around.cols
-        if size not in self._renderers:
-            self._renderers = {size: SceneRenderer(self._base, self.shape, rough=True)}
-        signal = self._renderers[size].signal(scene, visibility=np.ones((), np.float32))
-        inside = specimen_model(scene).inside(pixels)
+        signal = self._renderer.signal(scene, visibility=np.ones((), np.float32))
+        inside = specimen_model(scene).inside(pixel_grid(scene, self.shape))
         return np.where(inside, np.nan_to_num(signal), 0.0)
 
 
