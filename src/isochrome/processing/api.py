@@ -76,7 +76,7 @@ from isochrome.processing.processed import (
     shift_of,
     tabulate_set,
 )
-from isochrome.processing.result import PICTURE, FollowedFrame, ProcessedFrame
+from isochrome.processing.result import PICTURE, ProcessedFrame
 from isochrome.progress import RunProgress, Tally
 from isochrome.reporting import write_report
 from isochrome.runs import (
@@ -160,9 +160,9 @@ def process_chunk(task: FrameTask, start: int, stop: int) -> Results:
             if layer.compact is not None:
                 made = item.maps().get(layer.name)
                 pictures[layer.name].append(None if made is None else layer.compact.pack(made))
-            elif isinstance(item, ProcessedFrame):
+            elif item.normalised is not None:
                 pictures[layer.name].append(picture_of(item, layer.name, item.normalised.shape))
-        if isinstance(item, FollowedFrame):
+        if item.normalised is None:
             continue
         # with a model, which can draw them anew, for who asks alone
         wanted = task.rois or (item.fit is None and task.kind.draws_lines)
@@ -182,9 +182,7 @@ def process_chunk(task: FrameTask, start: int, stop: int) -> Results:
     return Results(pictures, rows, more, parts)
 
 
-def _within(
-    item: ProcessedFrame | FollowedFrame, layers: Sequence[Layer]
-) -> ProcessedFrame | FollowedFrame:
+def _within(item: ProcessedFrame, layers: Sequence[Layer]) -> ProcessedFrame:
     """A frame, that says where its orders go beyond what the store's steps reach."""
     kind = next((layer.compact for layer in layers if layer.name == ORDER.name), None)
     if kind is None or item.reading is None:
@@ -196,9 +194,7 @@ def _within(
     return replace(item, warnings=(*item.warnings, text))
 
 
-def picture_of(
-    item: ProcessedFrame | FollowedFrame, name: str, shape: tuple[int, ...]
-) -> np.ndarray:
+def picture_of(item: ProcessedFrame, name: str, shape: tuple[int, ...]) -> np.ndarray:
     """A layer's picture of a frame (rows, cols).
 
     Where it has none, no order is known, and none can be relied on.
@@ -208,7 +204,7 @@ def picture_of(
     return np.full(shape, 0.0 if name == CONFIDENCE.name else np.nan, dtype=np.float32)
 
 
-def more_of(item: ProcessedFrame | FollowedFrame, scene: Scene) -> dict[str, Any]:
+def more_of(item: ProcessedFrame, scene: Scene) -> dict[str, Any]:
     """What the dataset and the figure need to know besides the row."""
     left, top = item.corner_mm(scene)
     return {
@@ -311,7 +307,7 @@ def process_in_memory(source: FrameSource, count: int, progress: RunProgress | N
         rows.append(kind.row(item, task.scene))
         for name, film_maps in film.items():
             film_maps.append(picture_of(item, name, shape))
-        if isinstance(item, ProcessedFrame):
+        if item.normalised is not None:
             selected.append(item)
         flagged += item.status != "ok"
         if progress is not None:

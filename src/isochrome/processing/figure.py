@@ -54,7 +54,6 @@ from isochrome.processing.result import (
     EXPLAINED,
     PICTURE,
     REFINED,
-    FollowedFrame,
     ProcessedFrame,
     cell_values,
     fitted_keys,
@@ -389,7 +388,7 @@ _STRIP_PX = 22
 """Height of the line of words."""
 
 
-def write_preview(place: Path, item: ProcessedFrame | FollowedFrame) -> None:
+def write_preview(place: Path, item: ProcessedFrame) -> None:
     """Write a frame's orders as a picture, unless one was written just now or it has none.
 
     It is put in its place whole, so that a viewer never sees half of it.
@@ -420,7 +419,7 @@ def preview_picture(order: np.ndarray, words: str) -> Image.Image:
     return picture
 
 
-def _words(item: ProcessedFrame | FollowedFrame) -> str:
+def _words(item: ProcessedFrame) -> str:
     """The frame's number and label, its load and largest order where they are known."""
     row = item.row()
     parts = [f"frame {item.index}", item.label]

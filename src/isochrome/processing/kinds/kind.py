@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from isochrome.errors import InputError
 from isochrome.frames import Frame, FrameReader, load_no_load
-from isochrome.processing.result import Capture, FollowedFrame, ProcessedFrame, row_of_set
+from isochrome.processing.result import Capture, ProcessedFrame, row_of_set
 from isochrome.progress import RunProgress
 from isochrome.runs import Layer
 from isochrome.scene import Scene
@@ -133,9 +133,7 @@ class FrameKind:
         while len(together := list(islice(frames, steps))) == steps:
             yield together
 
-    def states(
-        self, source: FrameSource, start: int, stop: int
-    ) -> Iterator[ProcessedFrame | FollowedFrame]:
+    def states(self, source: FrameSource, start: int, stop: int) -> Iterator[ProcessedFrame]:
         """What is read in the states [start, stop). Raises InputError, PhysicsError."""
         for index, frames in source.captured(start, stop):
             yield source.processed(index, frames)
@@ -158,7 +156,7 @@ class FrameKind:
         place = ("distance_m", "chi", "noise", "pixel_mm")
         return ("frame", "name", "label", *place, *self.values(scene), "warnings")
 
-    def row(self, item: ProcessedFrame | FollowedFrame, scene: Scene) -> dict[str, Any]:
+    def row(self, item: ProcessedFrame, scene: Scene) -> dict[str, Any]:
         """A frame's row of frames.csv."""
         return row_of_set(item.row(), self.columns(scene), scene)
 

@@ -33,17 +33,19 @@ from isochrome.processing.kinds.kind import CONFIDENCE, KEY_EVERY, MOST_IN_MEMOR
 from isochrome.processing.kinds.largest_order import largest_with_model
 from isochrome.processing.kinds.with_model import WithModel, of_share, read_frame
 from isochrome.processing.result import (
+    FOLLOWED,
     FOUND_BY,
     NOTHING,
     PICTURE,
+    SEARCHED,
     SPREAD,
     WHOLE,
     Capture,
-    FollowedFrame,
     ProcessedFrame,
     failed_frame,
     frame_fields,
     row_of_set,
+    value_columns,
 )
 from isochrome.progress import RunProgress
 from isochrome.runs import Compact, Layer
@@ -139,9 +141,7 @@ class TrackedFilm(WithModel):
         """The scene with the apparatus's own values."""
         return scene if self.apparatus is None else self.apparatus.stated
 
-    def states(
-        self, source: FrameSource, start: int, stop: int
-    ) -> Iterator[ProcessedFrame | FollowedFrame]:
+    def states(self, source: FrameSource, start: int, stop: int) -> Iterator[ProcessedFrame]:
         """What is read in the frames [start, stop); `start` is a key frame.
 
         Key frames are processed as if there were no others; each of the other frames is followed
@@ -175,10 +175,10 @@ class TrackedFilm(WithModel):
         frame, name, label, *others = super().columns(scene)
         return (frame, name, label, PICTURE, FOUND_BY, *others)
 
-    def row(self, item: ProcessedFrame | FollowedFrame, scene: Scene) -> dict[str, Any]:
+    def row(self, item: ProcessedFrame, scene: Scene) -> dict[str, Any]:
         """With a key frame's place and the apparatus."""
-        row = item.row()
-        if isinstance(item, ProcessedFrame):
+        row = {PICTURE: None, FOUND_BY: NOTHING} | item.row()
+        if item.normalised is not None:
             place = None if self.maps == "none" else item.index // self.key_step
             row |= {PICTURE: place, FOUND_BY: WHOLE if item.has_values else NOTHING}
             held = {} if self.apparatus is None else self.apparatus.values
@@ -259,19 +259,26 @@ class KeyFrames:
         )  # fmt: skip
         return self._tracker.begin(frame, fit.scene, fit.chi, slid_until(self.scene, frame))
 
-    def follow(self, frame: Frame) -> FollowedFrame:
+    def follow(self, frame: Frame) -> ProcessedFrame:
         """One frame more. Raises InputError, PhysicsError."""
         label, distance = place_of(self.source.task.scene, frame)
         fields = frame_fields(frame, self.scene) | {"label": label, "distance_m": distance}
-        result = FollowedFrame(**fields, keys=self.keys)
         try:
             tracked = self._tracked(frame)
-            result = replace(result, tracked=tracked, warnings=tracked.warnings)
-            return self._with_map(result, frame) if self.kind.maps_of_all else result
+            columns: dict[str, Any] = value_columns(
+                self.keys, tracked.values, tracked.standard_uncertainty
+            )
+            if np.isfinite(tracked.values).any():
+                columns[FOUND_BY] = SEARCHED if tracked.searched else FOLLOWED
+            result = ProcessedFrame(
+                **fields, chi=tracked.chi, columns=columns, warnings=tracked.warnings
+            )
+            mapped = self.kind.maps_of_all and tracked.positive
+            return self._with_map(result, frame) if mapped else result
         except IsochromeError as error:
             if not self.source.task.keep_going:
                 raise
-            return replace(result, tracked=None, warnings=(str(error),), failed=True)
+            return ProcessedFrame(**fields, warnings=(str(error),), failed=True)
 
     def _tracked(self, frame: Frame) -> Tracked:
         """The tracked values; where there is no track yet, it begins with the whole frame.
@@ -288,22 +295,17 @@ class KeyFrames:
             complete = replace(failed_frame(frame, str(error)), failed=False)
         return self.begin(frame, complete)
 
-    def _with_map(self, item: FollowedFrame, frame: Frame) -> FollowedFrame:
+    def _with_map(self, item: ProcessedFrame, frame: Frame) -> ProcessedFrame:
         """A followed frame with its orders, read on the branches of the followed model.
 
         Raises InputError, PhysicsError.
         """
-        tracked = item.tracked
-        if self._tracker is None or tracked is None or not tracked.positive:
-            return item
+        assert self._tracker is not None
         data, model, scene = self._tracker.model_frame(frame)
-        reading, noise, lost = read_frame(
-            frame, data, model, chi=tracked.chi, positive=tracked.positive
-        )
+        reading, noise, lost = read_frame(frame, data, model, chi=item.chi, positive=True)
         if lost:
             return item
         largest, of_largest = largest_with_model(reading, model, scene)
         notes = (*item.warnings, *of_share(reading), *of_largest)
-        return replace(
-            item, reading=reading, noise=noise, scene=scene, largest=largest, warnings=notes
-        )
+        columns = item.columns | {"kept_share": reading.kept} | largest
+        return replace(item, reading=reading, noise=noise, columns=columns, warnings=notes)
