@@ -47,7 +47,6 @@ CREST_SLOPE = 6.0
 
 STEEPEST = 0.3
 """Of fringes that are followed, fringes a pixel."""
-_LEAST_CONTRAST = 0.3
 
 _STRIDE = 3
 _FACTORS = 31
@@ -74,8 +73,7 @@ def fit_order_change(
 
     `expected`, the change that went before, over the time to the new frame; `gradient` of the order
     along rows and columns. Returns the change, fringes, the mean square of what it leaves of the
-    wave, and the largest of any field in it, and of all together, fringes; None where too few
-    orders are known.
+    wave, and its largest, fringes; None where too few orders are known.
     """
     thin = slice(_STRIDE // 2, None, _STRIDE)
     use = known[thin, thin]
@@ -100,10 +98,7 @@ def fit_order_change(
     single = solution.astype(np.float32)
     change = single @ basis
     residual, _ = _residual(basis[0], change, shown, faded)
-    parts = np.percentile(np.abs(basis), _MOSTLY, axis=1) * np.abs(solution)
-    largest_change = np.percentile(np.abs(change), _MOSTLY)
-    # tilts of the factor and what the fringes move are judged by their sum alone
-    largest = float(max(largest_change, parts[0], parts[6]))
+    largest = float(np.percentile(np.abs(change), _MOSTLY))
     full_change = np.zeros_like(order)
     for share, shape in zip(single, fields, strict=True):
         full_change += share * shape
@@ -127,7 +122,7 @@ def faded_fringes(order: Array) -> tuple[Array, Array, tuple[Array, Array]]:
         cv2.Sobel(order, cv2.CV_32F, dx, 1 - dx, ksize=3, scale=0.125) for dx in (0, 1)
     )
     square = along * along + across * across
-    contrast = np.maximum(1.0 - np.float32(np.pi**2 / 6.0) * square, np.float32(_LEAST_CONTRAST))
+    contrast = 1.0 - np.float32(np.pi**2 / 6.0) * square
     return contrast, square, (along, across)
 
 
