@@ -621,19 +621,16 @@ def _processed(
     progress: RunProgress | None,
 ) -> Processed:
     """All states of a set, in memory or into a folder."""
-    scene, reader, count = task.scene, task.reader, count_of(task)
-    kind, text = task.kind.sized(scene, reader.shape, count, on_disk=out is not None)
-    source = open_set(replace(task, kind=kind))
-    task = source.task = replace(task, kind=kind.shared(source, count, progress))
-    if text and progress is not None:  # what is refused before is one line
-        progress(Tally(0, count, 0, 0, text))
+    count, source = count_of(task), open_set(task)
+    kind = task.kind.shared(source, count, progress, on_disk=out is not None)
+    task = source.task = replace(task, kind=kind)
     if out is None:
         return process_in_memory(source, count // task.steps, progress)
     job = Job(partial(process_chunk, task), set_layout(source, count // task.steps), identify())
     residual = source.capture.residual
     finish = partial(finish_set_folder, Path(out).absolute(), job, task, residual)
     result = run_job(job, out, finish, options=options, progress=progress)
-    return result or restore(task.scene, Path(out), reader.shape, residual)
+    return result or restore(task.scene, Path(out), task.reader.shape, residual)
 
 
 def _is_done(out: Path, identify: Callable[[], Mapping[str, Any]]) -> bool:

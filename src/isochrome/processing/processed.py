@@ -410,7 +410,7 @@ def collect(
         frames = [
             replace(
                 one,
-                columns={n: wider[n][k] for n in one.columns},
+                columns={n: wider[n][k] if n in wider else v for n, v in one.columns.items()},
                 warnings=read_frame_messages(messages[k]),
             )
             for k, one in enumerate(frames)

@@ -108,9 +108,9 @@ class ProcessedFrame:
     """What was found in one frame; maps are (row, col), NaN = not known.
 
     `normalised`, the signal 0 to 1, None of a frame that was followed between two key frames, and
-    its `noise`; the order's `reading`; with a model the `fit` and the columns of the `largest`
-    order, else the fringe `lines` and its own `columns`; `isoclinic`, the direction of sigma_1
-    (degrees) of phase steps; `chi` of the whole frame; `failed`: nothing could be found.
+    its `noise`; the order's `reading`; with a model the `fit`, else the fringe `lines`; what else
+    stands in its `columns`; `isoclinic`, the direction of sigma_1 (degrees) of phase steps; `chi`
+    of the whole frame; `failed`: nothing could be found.
     """
 
     index: int
@@ -128,7 +128,6 @@ class ProcessedFrame:
     noise: float = float("nan")
     chi: float = float("nan")
     isoclinic: Array | None = None
-    largest: dict[str, Any] = field(default_factory=dict)
     columns: dict[str, Any] = field(default_factory=dict)
 
     @property
@@ -175,12 +174,7 @@ class ProcessedFrame:
         row: dict[str, Any] = {"frame": self.index, "name": self.name, "label": self.label}
         row |= {"distance_m": self.distance_m, "chi": self.chi, "noise": self.noise}
         row |= {"pixel_mm": self.pixel_mm} | self.columns
-        if self.fit is not None and self.reading is not None and not self.columns:
-            fit = self.fit
-            row |= {"kept_share": self.reading.kept} | self.largest
-            if self.has_values:  # of a lost fit, only the place that it began with is left
-                row |= value_columns(fit.keys, fit.values, fit.standard_uncertainty)
-        elif not (self.failed or self.columns):
+        if not (self.failed or self.columns):
             row["fringe_lines"] = len(self.lines)
         return row | {"warnings": SEPARATOR.join(self.warnings)}
 

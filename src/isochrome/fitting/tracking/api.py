@@ -46,27 +46,10 @@ from isochrome.scene import (
     load_scene,
 )
 
-__all__ = ["Track", "refuse_shared", "track"]
+__all__ = ["Track", "track"]
 
 CHUNK = 250
 """Frames that are kept together: a killed track goes on from the last of them."""
-
-
-def refuse_shared(keys: tuple[str, ...]) -> None:
-    """Refuse keys that all frames share: a frame is tracked before the others are seen.
-
-    Parameters
-    ----------
-    keys : tuple of str
-        The keys that were asked for.
-
-    Raises
-    ------
-    InputError
-        Where there is one; it names the key and what to do.
-    """
-    if keys:
-        raise InputError("free_together_track_tracked", keys=keys[0])
 
 
 def track(

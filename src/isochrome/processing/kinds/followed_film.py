@@ -136,7 +136,9 @@ class Film(ImageOnly):
 
     draws_lines = False
 
-    def shared(self, source: FrameSource, count: int, progress: RunProgress | None) -> FrameKind:
+    def shared(
+        self, source: FrameSource, count: int, progress: RunProgress | None, *, on_disk: bool
+    ) -> FrameKind:
         """What one pass or two over all frames tell."""
         rows, cols = source.reader.shape
         again = partial(_reported, partial(source.captured, 0, count), count, progress)
@@ -237,7 +239,9 @@ NOT_UNLOADED = "frames_starts_unloaded_set_first"
 OWN_CRESTS = "illumination_found_from_crests"
 OTHER_LIGHT = "crests_times_bright_no"
 FEW_ORDERS = "film_orders_reach_alone"
-_NOISE_FRAMES = 8
+_TRIED = 16
+"""Frames at most whose noise is looked at, and that a film may begin with: unloaded ones have no
+fringes."""
 _DARKER, _DARKER_SHARE = 0.05, 0.01
 """By how much of the contrast, and in which share of the specimen, light falls below the first
 frame's before that was not unloaded: fringes of order 0.07 are as bright."""
@@ -275,7 +279,7 @@ class UnloadedFilm(Film):
         top, below = BrightestLight(), joined_pixels(zero, data.by)
         for index, (frame, *_) in captured():
             top.add(np.float32(data.sign) * (joined_pixels(data.light(frame), data.by) - below))
-            if index % max(1, count // _NOISE_FRAMES) == 0:
+            if index % max(1, count // _TRIED) == 0:
                 data.take_noise(frame)
         least = -_DARKER * top.contrast(data.material)
         share = float(np.mean((top.lowest < least)[data.material]))
@@ -328,8 +332,6 @@ def _final_light(
 
 _MOST_BREAKS = 0.5
 """Share of the steps from frame to frame beyond which a set is no film."""
-_TRIED = 16
-"""Frames at most that a film may begin with: unloaded ones have no fringes."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -112,14 +112,13 @@ class FrameKind:
         """What all frames share: the files besides them. Raises InputError."""
         return Capture(reader.bit_depth, *load_no_load(scene, full_shape=reader.full_shape))
 
-    def sized(
-        self, scene: Scene, shape: tuple[int, int], count: int, on_disk: bool
-    ) -> tuple[FrameKind, str]:
-        """The kind for `count` frames of a `shape`, and what to say of it. Raises InputError."""
-        return self, ""
+    def shared(
+        self, source: FrameSource, count: int, progress: RunProgress | None, *, on_disk: bool
+    ) -> FrameKind:
+        """The kind with what the `count` frames of an opened set have in common.
 
-    def shared(self, source: FrameSource, count: int, progress: RunProgress | None) -> FrameKind:
-        """The kind with what the frames of an opened set have in common. Raises PhysicsError."""
+        `on_disk`, whether maps are written. Raises InputError, PhysicsError.
+        """
         return self
 
     def held(self, scene: Scene) -> Scene:

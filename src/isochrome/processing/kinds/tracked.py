@@ -47,7 +47,7 @@ from isochrome.processing.result import (
     row_of_set,
     value_columns,
 )
-from isochrome.progress import RunProgress
+from isochrome.progress import RunProgress, Tally
 from isochrome.runs import Compact, Layer
 from isochrome.scene import Scene
 from isochrome.simulation import make_picture, scene_states, state_difference
@@ -99,43 +99,42 @@ class TrackedFilm(WithModel):
         """Whether all frames have maps."""
         return self.maps == "all"
 
-    def sized(
-        self, scene: Scene, shape: tuple[int, int], count: int, on_disk: bool
-    ) -> tuple[FrameKind, str]:
-        """With the maps that are written, and a sentence of what they take. Raises InputError."""
+    def shared(
+        self, source: FrameSource, count: int, progress: RunProgress | None, *, on_disk: bool
+    ) -> FrameKind:
+        """With the maps that are written, and the apparatus, asked of one frame."""
+        scene, shape = source.task.scene, source.reader.shape
         check_tracked(scene, shape, self.key_step)
         step = self.every or -(-count // -(-count // KEY_EVERY))
         pixels = math.prod(shape)
         most, each = (MOST_ON_DISK, _BYTES) if on_disk else (MOST_IN_MEMORY, 8)
-        chosen = self.wanted or ("all" if each * pixels * count <= most else "key")
-        if chosen != "all":
+        maps = self.wanted or ("all" if each * pixels * count <= most else "key")
+        kind = replace(self, every=step, maps=maps)
+        if maps != "all":
             why = f"those of all {count} might take {each * pixels * count / 1e9:.3g} GB"
-            text = {"key": "maps of the key frames", "none": "no maps"}[chosen]
+            text = {"key": "maps of the key frames", "none": "no maps"}[maps]
             text += f"; {why}: --maps all writes them" if self.wanted is None else ""
-            return replace(self, every=step, maps=chosen), text
-        order = order_step(scene, shape)
-        pages = on_disk and 4 * pixels * count <= MOST_PAGED
-        space = (_TYPICAL if on_disk else each) * pixels
-        text = (
-            f"maps of {counted(count, 'frame')}: about {1e-6 * space:.2g} MB a frame, "
-            f"{1e-9 * space * count:.3g} GB in all, orders in steps of {order:g} fringe"
-        )
-        if on_disk and not pages:
-            text += (
-                "; the TIFF stacks hold the key frames: isochrome export --to tiff makes all pages"
+        else:
+            order = order_step(scene, shape)
+            pages = on_disk and 4 * pixels * count <= MOST_PAGED
+            kind = replace(kind, order_step=order, pages=pages)
+            space = (_TYPICAL if on_disk else each) * pixels
+            text = (
+                f"maps of {counted(count, 'frame')}: about {1e-6 * space:.2g} MB a frame, "
+                f"{1e-9 * space * count:.3g} GB in all, orders in steps of {order:g} fringe"
             )
-        return replace(self, every=step, maps=chosen, order_step=order, pages=pages), text
-
-    def shared(self, source: FrameSource, count: int, progress: RunProgress | None) -> FrameKind:
-        """With the apparatus, asked of one frame."""
-        if source.task.as_stated:
-            return self
-        scene, capture = sliding_scene(source.task.scene), source.capture
-        no_load = capture.dark, capture.bright
-        apparatus = find_apparatus(
-            source.reader, scene, free_keys(scene), count=count, no_load=no_load
-        )
-        return replace(self, apparatus=apparatus)
+            if on_disk and not pages:
+                text += "; the TIFF stacks hold the key frames: isochrome export --to tiff makes "
+                text += "all pages"
+        if not source.task.as_stated:
+            bare, no_load = sliding_scene(scene), (source.capture.dark, source.capture.bright)
+            found = find_apparatus(
+                source.reader, bare, free_keys(bare), count=count, no_load=no_load
+            )
+            kind = replace(kind, apparatus=found)
+        if progress is not None:  # what is refused before is one line
+            progress(Tally(0, count, 0, 0, text))
+        return kind
 
     def held(self, scene: Scene) -> Scene:
         """The scene with the apparatus's own values."""

@@ -38,6 +38,7 @@ from isochrome.processing.result import (
     Capture,
     ProcessedFrame,
     frame_fields,
+    value_columns,
 )
 from isochrome.scene import Scene
 
@@ -105,10 +106,13 @@ def process_with_model(
     signal = np.where(inside, (data.light - model.background) / gain, np.nan)
     largest, of_largest = largest_with_model(reading, model, fit.scene, fit)
     notes += [] if has_slip else _warnings(fit, reading, lost)
+    columns = {"kept_share": reading.kept} | largest
+    if not lost and np.isfinite(fit.values).all():  # of a lost fit only where it began is left
+        columns |= value_columns(fit.keys, fit.values, fit.standard_uncertainty)
     result = ProcessedFrame(
-        **frame_fields(frame) | {"pixel_mm": model.pixels.pixel_mm},
+        **frame_fields(frame) | {"pixel_mm": model.pixels.pixel_mm}, columns=columns,
         normalised=signal.astype(np.float32), reading=reading, fit=fit, noise=noise, chi=fit.chi,
-        largest=largest, warnings=(*(apparatus.warnings if apparatus else ()), *notes, *of_largest),
+        warnings=(*(apparatus.warnings if apparatus else ()), *notes, *of_largest),
     )  # fmt: skip
     return _without_model(result, frame, scene, capture, data, has_slip) if lost else result
 
