@@ -288,14 +288,12 @@ class FilmPath:
             breaks = index > self._begin and self._take(rise, wave, valid, time, index)
             if index == self._begin:
                 self._state = self._start
-            keyed = key is not None and index > self._begin
-            due = keyed and (breaks or index % every == 0)
+            read = key if index > self._begin else None
+            due = read is not None and (breaks or index % every == 0)
             if due or index in (0, self._begin) or index % self.chunk == 0:
-                state = self._state
-                if keyed and state.known.any():  # the next key frame finds what is not right
-                    order, known = regained(state.order, state.known, wave, valid)
-                    self._state = replace(state, order=order, known=known)
-                if due and key is not None and (new := key()) is not None:
+                if read is not None:
+                    self._regain(wave, valid)
+                if read is not None and due and (new := read()) is not None:
                     self._settle(new, index)
                 self.kept[index] = keep_state(self._state)
         if self._broken:
@@ -315,6 +313,13 @@ class FilmPath:
         known = state.order[state.known][::7]
         self.highest = max(self.highest, float(np.percentile(known, 99.5)) if known.size else 0.0)
         return False
+
+    def _regain(self, wave: Array, valid: Mask) -> None:
+        """Take in what its light bears out: the next key frame finds what is not right."""
+        state = self._state
+        if state.known.any():
+            order, known = regained(state.order, state.known, wave, valid)
+            self._state = replace(state, order=order, known=known)
 
     def _settle(self, new: FilmState, index: int) -> None:
         """Hold a key frame, read from nothing, against what was followed to it."""
