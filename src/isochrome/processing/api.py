@@ -555,10 +555,11 @@ def process(
             frames, scene = absolute(frames, scene)
             reader = open_scene_frames(frames, scene)
         kind = _kind_of_set(scene, reader, track=track, each=each, every=every, maps=maps)
+        kind = replace(kind, as_stated=as_stated)
         shown = working_folder(Path(out)) / PREVIEW if out is not None and preview else None
         task = FrameTask(
             frames=frames, scene=scene, reader=reader, kind=kind, rois=rois,
-            as_stated=as_stated, keep_going=keep_going, preview=shown,
+            keep_going=keep_going, preview=shown,
         )  # fmt: skip
         identity = partial(identity_of, task, files)
         if out is not None and not restart and _is_done(Path(out), identity):

@@ -56,6 +56,7 @@ if TYPE_CHECKING:
 Array = NDArray[Any]
 Mask = NDArray[np.bool_]
 Frames = Iterator[tuple[int, list[Frame]]]
+Captured = Callable[[], Frames]
 
 
 NOT_KNOWN = "no_order_known_from"
@@ -108,11 +109,12 @@ class FilmData:
             self.noise = estimate_noise(frame.image, self.valid, bit_depth=self.depth)
             self.between = noise_between_pixels(frame.image, self.valid, self.noise)
 
-    def path(self, start: FilmState, light: FilmLight, chunk: int, begin: int = 0) -> FilmPath:
-        """A path through the film, with the noise of its wave on blocks, at half of full scale."""
+    def path(self, start: FilmState, light: FilmLight, count: int, begin: int = 0) -> FilmPath:
+        """A path through `count` frames, with the noise of its wave, at half of full scale."""
         level = float(np.median(light.illumination[self.material]))
         grey = float(self.noise.sigma(0.5 * self.full)) / self.full * self.between
         noise = 2.0 * max(grey / self.by, FLAWS * level / self.by) / level
+        chunk = chunk_size(count, 4 * self.valid.size)
         return FilmPath(start, light, noise=noise, chunk=chunk, begin=begin)
 
 
@@ -140,15 +142,11 @@ class Film(ImageOnly):
         self, source: FrameSource, count: int, progress: RunProgress | None, *, on_disk: bool
     ) -> FrameKind:
         """What one pass or two over all frames tell."""
-        rows, cols = source.reader.shape
         again = partial(_reported, partial(source.captured, 0, count), count, progress)
-        chunk = chunk_size(count, 4 * rows * cols)
-        return self.followed(again, source.task.scene, source.capture, chunk, count)
+        return self.followed(source, again, count)
 
-    def followed(
-        self, captured: Callable[[], Frames], scene: Scene, capture: Capture, chunk: int, count: int
-    ) -> FrameKind:
-        """The film as it is followed through its `count` frames, in chunks.
+    def followed(self, source: FrameSource, captured: Captured, count: int) -> FrameKind:
+        """The film as it is followed through its `count` frames.
 
         `captured` gives its frames anew, each with its number. Raises InputError, PhysicsError.
         """
@@ -266,10 +264,9 @@ class UnloadedFilm(Film):
             raise InputError("frames_gamma_unknown_single", name=name)
         super().check(scene)
 
-    def followed(
-        self, captured: Callable[[], Frames], scene: Scene, capture: Capture, chunk: int, count: int
-    ) -> FrameKind:
+    def followed(self, source: FrameSource, captured: Captured, count: int) -> FrameKind:
         """Followed from its first frame."""
+        scene, capture = source.task.scene, source.capture
         first = next(iter(captured()))[1][0]
         data = FilmData(first, scene, capture)
         field_zero, other = (capture.dark, capture.bright)[:: int(data.sign)]
@@ -297,7 +294,7 @@ class UnloadedFilm(Film):
         )
         if rough:  # the first frame's own noise is in all differences from it
             data.between *= float(np.sqrt(2.0))
-        path = data.path(unloaded_state(data.material, film_time(first, 0)), guide, chunk)
+        path = data.path(unloaded_state(data.material, film_time(first, 0)), guide, count)
         path.follow((*data.joined(frames[0]), film_time(frames[0], k)) for k, frames in captured())
         light, notes = _final_light(path, data, zero, given, scene)
         path.light = light.joined(data.by)
@@ -345,12 +342,10 @@ class KeyedFilm(Film):
     key_every: int = KEY_EVERY
     by_default: bool = False
 
-    def followed(
-        self, captured: Callable[[], Frames], scene: Scene, capture: Capture, chunk: int, count: int
-    ) -> FrameKind:
+    def followed(self, source: FrameSource, captured: Captured, count: int) -> FrameKind:
         """Followed from its key frames; read one by one where that fails by default."""
         try:
-            return self._keyed(captured, scene, capture, chunk, count)
+            return self._keyed(source, captured, count)
         except PhysicsError as error:
             if not self.by_default:
                 raise PhysicsError("leave_track_out_each", error=error) from error
@@ -361,10 +356,9 @@ class KeyedFilm(Film):
         """Its key frames."""
         return {"key_every": self.key_every}
 
-    def _keyed(
-        self, captured: Callable[[], Frames], scene: Scene, capture: Capture, chunk: int, count: int
-    ) -> FrameKind:
+    def _keyed(self, source: FrameSource, captured: Captured, count: int) -> FrameKind:
         """Followed; PhysicsError where no frame to begin with can be read, or it is no film."""
+        scene, capture = source.task.scene, source.capture
         begin, first, key_frame, ends = _first_key(captured(), scene, capture, count)
         assert key_frame.reading is not None
         data = FilmData(first, scene, capture)
@@ -378,7 +372,7 @@ class KeyedFilm(Film):
             zero=zero, illumination=illumination, error=error, zero_error=at_zero, sign=data.sign
         )
         start = joined_reading(key_frame.reading, data.by, film_time(first, begin))
-        path = data.path(start, light.joined(data.by), chunk, begin)
+        path = data.path(start, light.joined(data.by), count, begin)
         last: list[tuple[int, Frame]] = []
 
         def key() -> FilmState | None:

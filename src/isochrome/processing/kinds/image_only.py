@@ -213,9 +213,7 @@ class FrameSignal:
 class ImageOnly(FrameKind):
     """Single frames without a model, whose orders hang together with places of known order."""
 
-    def read(
-        self, frames: Sequence[Frame], scene: Scene, capture: Capture, *, as_stated: bool
-    ) -> ProcessedFrame:
+    def read(self, frames: Sequence[Frame], scene: Scene, capture: Capture) -> ProcessedFrame:
         """The order that hangs together with known ones."""
         return read_alone(frames[0], scene, capture)[0]
 

@@ -83,10 +83,12 @@ def refuse_no_load_steps(scene: Scene) -> None:
 class FrameKind:
     """How the frames of a set are read; `note`, what the first frame says of that.
 
-    Its methods say what is the same for most kinds; `read` and `values` are of each.
+    `as_stated`, whether all that a scene states is held. Its methods say what is the same for most
+    kinds; `read` and `values` are of each.
     """
 
     note: str = ""
+    as_stated: bool = False
 
     draws_lines: ClassVar[bool] = True
     """Whether fringe lines are kept of frames without a fit, though nobody asks for them."""
@@ -137,13 +139,8 @@ class FrameKind:
         for index, frames in source.captured(start, stop):
             yield source.processed(index, frames)
 
-    def read(
-        self, frames: Sequence[Frame], scene: Scene, capture: Capture, *, as_stated: bool
-    ) -> ProcessedFrame:
-        """One state: its `frames`, its own `scene`; `as_stated`, whether that holds as it is.
-
-        Raises InputError, PhysicsError.
-        """
+    def read(self, frames: Sequence[Frame], scene: Scene, capture: Capture) -> ProcessedFrame:
+        """One state: its `frames`, its own `scene`. Raises InputError, PhysicsError."""
         raise NotImplementedError
 
     def values(self, scene: Scene) -> tuple[str, ...]:

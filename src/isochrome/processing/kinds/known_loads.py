@@ -35,9 +35,7 @@ class KnownLoads(ImageOnly):
         """The frames of known loads too."""
         return replace(super().prepare(scene, reader), series=known_series(scene, reader))
 
-    def read(
-        self, frames: Sequence[Frame], scene: Scene, capture: Capture, *, as_stated: bool
-    ) -> ProcessedFrame:
+    def read(self, frames: Sequence[Frame], scene: Scene, capture: Capture) -> ProcessedFrame:
         """The load by those of the others, and the order as of an image."""
         return process_known_loads(frames[0], scene, capture)
 

@@ -31,7 +31,12 @@ from isochrome.output import counted
 from isochrome.processing.frame_task import FrameSource, place_of
 from isochrome.processing.kinds.kind import CONFIDENCE, KEY_EVERY, MOST_IN_MEMORY, ORDER, FrameKind
 from isochrome.processing.kinds.largest_order import largest_with_model
-from isochrome.processing.kinds.with_model import WithModel, of_share, read_frame
+from isochrome.processing.kinds.with_model import (
+    WithModel,
+    of_share,
+    process_with_model,
+    read_frame,
+)
 from isochrome.processing.result import (
     FOLLOWED,
     FOUND_BY,
@@ -126,7 +131,7 @@ class TrackedFilm(WithModel):
             if on_disk and not pages:
                 text += "; the TIFF stacks hold the key frames: isochrome export --to tiff makes "
                 text += "all pages"
-        if not source.task.as_stated:
+        if not self.as_stated:
             bare, no_load = sliding_scene(scene), (source.capture.dark, source.capture.bright)
             found = find_apparatus(
                 source.reader, bare, free_keys(bare), count=count, no_load=no_load
@@ -158,12 +163,12 @@ class TrackedFilm(WithModel):
             else:
                 yield track.follow(frame)
 
-    def read(
-        self, frames: Sequence[Frame], scene: Scene, capture: Capture, *, as_stated: bool
-    ) -> ProcessedFrame:
+    def read(self, frames: Sequence[Frame], scene: Scene, capture: Capture) -> ProcessedFrame:
         """A key frame by itself, in the apparatus of all."""
         # what belongs to the apparatus was asked before, of one frame for all of them
-        return super().read(frames, scene, capture, as_stated=True)
+        return process_with_model(
+            frames[0], scene, capture, as_stated=True, apparatus=self.apparatus
+        )
 
     def values(self, scene: Scene) -> tuple[str, ...]:
         """What is fitted."""

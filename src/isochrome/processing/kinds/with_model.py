@@ -59,12 +59,10 @@ class WithModel(FrameKind):
 
     apparatus: Apparatus | None = None
 
-    def read(
-        self, frames: Sequence[Frame], scene: Scene, capture: Capture, *, as_stated: bool
-    ) -> ProcessedFrame:
+    def read(self, frames: Sequence[Frame], scene: Scene, capture: Capture) -> ProcessedFrame:
         """The order on the branches of the fitted model."""
         return process_with_model(
-            frames[0], scene, capture, as_stated=as_stated, apparatus=self.apparatus
+            frames[0], scene, capture, as_stated=self.as_stated, apparatus=self.apparatus
         )
 
     def values(self, scene: Scene) -> tuple[str, ...]:
