@@ -5,7 +5,7 @@ model, by the same reading as of a frame that is processed by itself.
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -31,12 +31,7 @@ from isochrome.output import counted
 from isochrome.processing.frame_task import FrameSource, place_of
 from isochrome.processing.kinds.kind import CONFIDENCE, KEY_EVERY, MOST_IN_MEMORY, ORDER, FrameKind
 from isochrome.processing.kinds.largest_order import largest_with_model
-from isochrome.processing.kinds.with_model import (
-    WithModel,
-    of_share,
-    process_with_model,
-    read_frame,
-)
+from isochrome.processing.kinds.with_model import WithModel, of_share, read_frame
 from isochrome.processing.result import (
     FOLLOWED,
     FOUND_BY,
@@ -45,7 +40,6 @@ from isochrome.processing.result import (
     SEARCHED,
     SPREAD,
     WHOLE,
-    Capture,
     ProcessedFrame,
     failed_frame,
     frame_fields,
@@ -162,13 +156,6 @@ class TrackedFilm(WithModel):
                 yield key
             else:
                 yield track.follow(frame)
-
-    def read(self, frames: Sequence[Frame], scene: Scene, capture: Capture) -> ProcessedFrame:
-        """A key frame by itself, in the apparatus of all."""
-        # what belongs to the apparatus was asked before, of one frame for all of them
-        return process_with_model(
-            frames[0], scene, capture, as_stated=True, apparatus=self.apparatus
-        )
 
     def values(self, scene: Scene) -> tuple[str, ...]:
         """What is fitted."""
