@@ -44,7 +44,7 @@ from isochrome.processing.kinds.image_only import (
     wave_of,
 )
 from isochrome.processing.kinds.kind import kind_of
-from isochrome.processing.kinds.known_loads import known_series, process_known_loads, tells_load
+from isochrome.processing.kinds.known_loads import KnownLoads, known_series, tells_load
 from isochrome.processing.kinds.with_model import frame_causes
 from isochrome.processing.processed import Processed, tabulate_set
 from isochrome.processing.result import (
@@ -317,7 +317,7 @@ def _against_others(reader: FrameReader, scene: Scene, capture: Capture) -> Iter
         return
     capture_of_set = replace(capture, series=series)
     looked = [f for f in reader if f.index in (0, len(scene.frames.known_loads_n) // 2)]
-    result = [process_known_loads(frame, scene, capture_of_set) for frame in looked]
+    result = [KnownLoads().read([frame], scene, capture_of_set) for frame in looked]
     read = any(tells_load(frame) for frame in result)
     for frame in result:
         for text in frame.warnings[:1] if not tells_load(frame) else ():
