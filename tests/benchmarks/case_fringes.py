@@ -61,7 +61,7 @@ def arcsine(seen, noise):
 def with_model(seen, noise):
     """The scene fitted to the frame, from a start that is off, and the order on its branch."""
     from isochrome.frames import Frame, to_linear
-    from isochrome.processing.kinds.with_model import process_with_model
+    from isochrome.processing.kinds.with_model import WithModel
     from isochrome.processing.result import Capture
 
     if seen.scene.model is None:
@@ -80,7 +80,7 @@ def with_model(seen, noise):
 
     def read():
         frame = Frame(0, shot.frame, None, "frame")
-        found = process_with_model(frame, start, Capture(8, dark, bright)).reading
+        found = WithModel().read([frame], start, Capture(8, dark, bright)).reading
         return found.order, found.confidence
 
     return read

@@ -123,20 +123,20 @@ def test_a_tracked_key_that_a_frame_does_not_tell_has_no_uncertainty_but_infinit
         assert abs(one.values[0] - 44.0) < 4.0 * one.standard_uncertainty[0]
 
 
-def row(values, spread, *, chi=1.0, searched=False, positive=True):
+def row(index, values, spread, *, chi=1.0, searched=False, positive=True):
     found = Tracked(
         values=values, standard_uncertainty=spread, cramer_rao_bound=spread, chi=chi,
         searched=searched, positive=positive,
     )  # fmt: skip
-    return track_row(0, None, (LOAD, FRICTION), found)
+    return track_row(index, None, (LOAD, FRICTION), found)
 
 
 def test_the_mean_that_the_scene_gets_is_of_the_frames_that_tell_a_key():
     rows = [
-        row([40.0, 0.1], [0.1, np.inf], searched=True),
-        row([44.0, 0.2], [0.1, 0.01]),
-        row([np.nan, np.nan], [np.nan, np.nan], positive=False, searched=True),
-        row([48.0, 0.4], [0.1, 0.01], searched=True, chi=1.31),
+        row(0, [40.0, 0.1], [0.1, np.inf], searched=True),
+        row(1, [44.0, 0.2], [0.1, 0.01]),
+        row(2, [np.nan, np.nan], [np.nan, np.nan], positive=False, searched=True),
+        row(3, [48.0, 0.4], [0.1, 0.01], searched=True, chi=1.31),
     ]
     result = make_track(rows, (LOAD, FRICTION), contact())
     assert result.scene.load.normal_n == 44.0
@@ -147,9 +147,9 @@ def test_the_mean_that_the_scene_gets_is_of_the_frames_that_tell_a_key():
         in (make_track(rows, (LOAD, FRICTION), stated).warnings[0])
     )
     # each frame is told of once, and for what it is
-    assert [text.split(":")[0] for text in result.warnings] == ["frame 3", "frame 2", "frame 3"]
+    assert [text.split(":")[0] for text in result.warnings] == ["frame 2", "frame 3", "frame 3"]
     for text, said in zip(
-        result.warnings, ("no track to follow", "not in this frame", "bias"), strict=True
+        result.warnings, ("not in this frame", "no track to follow", "bias"), strict=True
     ):
         assert said in text
 

@@ -59,7 +59,7 @@ def right_to_a_hundredth(item, true):
     # a worn contact's largest order lies at its edge, on the surface, where none is read
     peak = [text for text in item.warnings if "n_max" in text]
     assert all("n_max and its place are those of the fitted model" in text for text in peak)
-    assert abs(item.largest["n_max"] - np.nanmax(true)) <= 2.0 * item.largest["n_max_uncertainty"]
+    assert abs(item.columns["n_max"] - np.nanmax(true)) <= 2.0 * item.columns["n_max_uncertainty"]
 
 
 @pytest.mark.long

@@ -46,7 +46,7 @@ from isochrome.console import (
     steps,
 )
 from isochrome.drafting import QUANTITIES
-from isochrome.errors import IsochromeError
+from isochrome.errors import InputError, IsochromeError
 from isochrome.messages import message
 
 if TYPE_CHECKING:
@@ -538,7 +538,6 @@ def fit_command(
 ) -> Finished:
     """Fit unknowns of the scene, such as load.normal_n; run the same command again to resume."""
     from isochrome.fitting import fit as run
-    from isochrome.fitting import refuse_shared
     from isochrome.fitting import track as follow_keys
     from isochrome.frames import one_recording
 
@@ -548,7 +547,8 @@ def fit_command(
     with run_bar("tracking" if track else "fitting") as progress:
         options |= {"out": out, "progress": progress}
         if track:
-            refuse_shared(tuple(free or ()))
+            if free:  # a frame is tracked before the others are seen
+                raise InputError("free_together_track_tracked", keys=free[0])
             result = follow_keys(recording, scene, tuple(keys or ()), **options)
         else:
             options |= {"per_frame": tuple(keys or ()), "follow": follow, "tractions": tractions}

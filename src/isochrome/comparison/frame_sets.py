@@ -424,7 +424,7 @@ def _of_result(result: Processed | Simulation) -> ComparedFrames:
     if isinstance(result, Simulation):
         stack, order, scene = result.frames, result.orders, result.scene
     else:
-        stack, order = np.stack([frame.normalised for frame in result.frames]), None
+        stack, order = np.stack([frame.maps()["normalised"] for frame in result.frames]), None
         scene = result.fitted or result.scene
         readings = [frame.reading for frame in result.frames]
         if any(readings):

@@ -56,7 +56,7 @@ from .joint.joint_fit import JointProblem, fit_of_each, is_each, refuse_undeterm
 from .joint.normal_equations import add_up, linearise_frame, make_renderer, scar_equations
 from .result import PARTS, TOO_FAR, Fit, KeyBudget, fitted_scene, make_result
 from .search.picture_search import Lying, PictureStart, search_picture
-from .tracking.api import refuse_shared, track
+from .tracking.api import track
 from .tracking.result import untracked_inputs
 from .tracking.tracker import Apparatus, Tracked, Tracker, VainSearch, find_apparatus, nothing_found
 from .wear_laws import (
@@ -149,7 +149,6 @@ __all__ = [
     "placed",
     "propagated",
     "refuse_alike",
-    "refuse_shared",
     "refuse_undetermined",
     "restore_fit",
     "restore_values",

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from isochrome.estimation import POOR_CHI, BudgetInput
-from isochrome.figures import values_plots
 from isochrome.fitting.figure import budget_figure, fit_figure, over_distance_figure
 from isochrome.fitting.frame.unknowns import WEAR
 from isochrome.fitting.frame_set import PreparedFrames
@@ -20,7 +19,7 @@ from isochrome.fitting.tractions.api import write_tractions
 from isochrome.fitting.wear_laws import LawFit, WearLaws
 from isochrome.messages import read_warnings
 from isochrome.output import saved_picture, write_csv, write_figure, write_json, write_text
-from isochrome.reporting import ReportContent, ReportTable, paper_rows, write_report
+from isochrome.reporting import ReportContent, ReportTable, fitted_report, write_report
 from isochrome.runs import (
     REPORT,
     STORE,
@@ -60,22 +59,13 @@ def fit_report(folder: Path, result: Fit | Track, record: Mapping[str, Any]) -> 
         }
     else:
         of_kind = _of_fit(result)
-    values = result.over_frames
-    chi = values.chi[np.isfinite(values.chi)]
+    chi = result.over_frames.chi[np.isfinite(result.over_frames.chi)]
     goodness = f"{chi.max():.2f} at most" if chi.size else "not known"
-    verdict = str(of_kind.pop("verdict"))
-    return ReportContent(
-        title=result.title,
-        verdict=f"{verdict[:1].upper()}{verdict[1:]}. Residual over noise: {goodness} (about 1 "
-        "where the frames are described to their noise).",
-        curves=values_plots(values),
-        warnings=result.warnings,
-        scene=dump_scene(result.scene),
-        paper=paper_rows(result.scene, record),
-        picture=(folder / PICTURE).read_bytes(),
-        taken_as_exact=result.taken_as_exact,
-        **of_kind,
+    text = (
+        f"Residual over noise: {goodness} (about 1 where the frames are described to their noise)."
     )
+    picture = (folder / PICTURE).read_bytes()
+    return fitted_report(result, record, goodness=text, picture=picture, **of_kind)
 
 
 def _of_fit(result: Fit) -> dict[str, Any]:

@@ -1,6 +1,6 @@
 """What a fit found, and how it is written: JSON, table, scene."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -17,19 +17,15 @@ from isochrome.fitting.tractions.inversion import Tractions
 from isochrome.fitting.wear_laws import WearLaws
 from isochrome.messages import message, warnings_json
 from isochrome.output import (
+    FittedResult,
     FrameValues,
-    Result,
-    Row,
     agree,
-    basis_of_uncertainty,
     counted,
     messages_of_frames,
     named_frames,
     numbers,
-    over_items,
     refined_texts,
     rows_by_key,
-    sentence_of,
     spoken,
     with_uncertainty,
 )
@@ -62,7 +58,7 @@ class KeyBudget:
 
 
 @dataclass(frozen=True, repr=False, kw_only=True)
-class Fit(Result):
+class Fit(FittedResult):
     """Fitted unknowns.
 
     `shared`, key to {value, standard_uncertainty, noise_uncertainty, cramer_rao_bound} of what all
@@ -136,26 +132,20 @@ class Fit(Result):
         """What all frames share, and what each has of its own."""
         for key, estimate in self.shared.items():
             yield key, with_uncertainty(estimate["value"], estimate["standard_uncertainty"])
-        for key in keys_of(self.frames):
-            having = [estimates[key] for estimates in self.frames if key in estimates]
-            spreads = (estimate["standard_uncertainty"] for estimate in having)
-            yield key, over_items((estimate["value"] for estimate in having), spreads)
+        yield from super().main_values()
         if self.wear_laws is not None:
             yield "wear law", self.wear_laws.sentence()
 
     @property
-    def uncertainty_basis(self) -> str:
-        """What the ± are of, and what was taken as exact."""
-        besides = ["the stated uncertainties"] if self.budget else []
-        besides += ["the measured scars"] if self.scene.scar else []
-        return basis_of_uncertainty(self.taken_as_exact, frames=len(self.frames), besides=besides)
+    def besides(self) -> list[str]:
+        """What else than the pictures the ± are of."""
+        scars = ["the measured scars"] * bool(self.scene.scar)
+        return ["the stated uncertainties"] * bool(self.budget) + scars
 
     @property
-    def summary_text(self) -> str:
-        """What was found as a sentence, the same on the terminal and in a report."""
-        wanted, causes, refined = self._parts
-        basis = self.uncertainty_basis
-        return sentence_of(wanted, len(self.frames), causes, refined=refined, basis=basis)
+    def rows(self) -> list[Sequence[Any]]:
+        """Of each wanted key what a sentence says of it."""
+        return self._parts[0]
 
     @property
     def causes(self) -> list[str] | None:
@@ -168,7 +158,7 @@ class Fit(Result):
         return self._parts[2]
 
     @property
-    def _parts(self) -> tuple[list[Row], list[str] | None, list[str]]:
+    def _parts(self) -> tuple[list[Sequence[Any]], list[str] | None, list[str]]:
         """The rows of what was to be fitted, and `causes` and `refined`."""
         inputs = (one for budget in self.budget for one in budget.inputs)
         stated = {i.input: (i.value, i.standard_uncertainty) for i in inputs if i.value is not None}
@@ -178,7 +168,7 @@ class Fit(Result):
         others = [row for key, row in rows.items() if key not in self.asked]
         near = [r for r in others if r[0] in stated and agree((r[1], r[4]), stated[r[0]])]
         causes = [spoken(*row) for row in others if row not in near]
-        wanted = [row for row in rows.values() if row not in others]
+        wanted: list[Sequence[Any]] = [row for row in rows.values() if row not in others]
         return wanted, causes, refined_texts(near, stated)
 
     @property

@@ -157,8 +157,8 @@ class CrestLight:
     """The illumination by the followed orders of a film, gathered frame by frame."""
 
     def __init__(self, shape: tuple[int, int]) -> None:
-        self._basis = light_basis(shape, total_degree(_DEGREES[1]))
-        count = len(self._basis)
+        self._shape = shape
+        count = len(light_basis(shape, total_degree(_DEGREES[1])))
         self._matrix, self._right = np.zeros((count, count)), np.zeros(count)
         self._square, self._count = 0.0, 0
 
@@ -171,7 +171,8 @@ class CrestLight:
         orders = order[thin, thin][use]
         signal = 0.5 - 0.5 * contrast[thin, thin][use] * np.cos(np.float32(2.0 * np.pi) * orders)
         risen = rise[thin, thin][use]
-        terms = self._basis[:, thin, thin][:, use] * signal
+        basis = light_basis(self._shape, total_degree(_DEGREES[1]))
+        terms = basis[:, thin, thin][:, use] * signal
         self._matrix += terms @ terms.T
         self._right += terms @ risen
         self._square += float(np.sum(risen.astype(float) ** 2))
@@ -186,7 +187,7 @@ class CrestLight:
         """The illumination, and its standard uncertainty over it, on pixels of any size (rows,
         cols).
         """
-        basis, count = light_basis(shape, total_degree(_DEGREES[1])), len(self._basis)
+        basis, count = light_basis(shape, total_degree(_DEGREES[1])), len(self._right)
         ridge = 1e-6 * np.trace(self._matrix) / count * np.eye(count)
         inverse = np.linalg.inv(self._matrix + ridge)
         coefficients = inverse @ self._right
@@ -240,48 +241,63 @@ def keep_state(state: FilmState, doubted: int = 0) -> KeptState:
 class FilmPath:
     """A film that is followed from its first frame on, in chunks of frames, on blocks of pixels.
 
-    `key` reads the frame that was given last from nothing, None where it cannot, each `every`
-    frames; `noise`, the wave's deviation; of frames before `begin` nothing is known. `kept`: states
-    of each chunk's first frame, and each key frame; `highest` order, but for a few pixels; `lost`:
-    [from, to) of which nothing is known; the last may go to the end, without a second number.
+    `noise`, the wave's deviation; of frames before `begin` nothing is known. `kept`: states of each
+    chunk's first frame, and each key frame; `highest` order, but for a few pixels; `lost`: [from,
+    to) of which nothing is known; `count` of the frames.
     """
 
     def __init__(
-        self, start: FilmState, light: FilmLight, *, noise: float, chunk: int,
-        key: Callable[[], FilmState | None] | None = None, every: int = 1, begin: int = 0,
-    ) -> None:  # fmt: skip
+        self, start: FilmState, light: FilmLight, *, noise: float, chunk: int, begin: int = 0
+    ) -> None:
         self.light, self.noise, self.chunk = light, noise, chunk
         self.crests = CrestLight(start.known.shape)
-        self.highest = 0.0
+        self.highest, self.count = 0.0, 0
         self.kept: dict[int, KeptState] = {}
         self.lost: list[list[int]] = [[0, begin]] if begin else []
-        self._key, self._every, self._last_key = key, every, begin
-        self._begin, self._start = begin, start
+        self._last_key = self._begin = begin
         self._state = replace(start, known=np.zeros_like(start.known)) if begin else start
-        self._broken = False
+        self._start, self._broken = start, False
 
-    def follow(self, frames: Iterable[tuple[Array, Mask, float]]) -> None:
+    def begin(self, index: int) -> int:
+        """The number of the last frame up to this one whose state is kept."""
+        return max(place for place in self.kept if place <= index)
+
+    def end(self, index: int) -> int:
+        """The number of the frame before the next one whose state is kept."""
+        return min((place - 1 for place in self.kept if place > index), default=self.count - 1)
+
+    def lost_at(self, index: int) -> tuple[int, int] | None:
+        """From which frame to which, not included, nothing is known; the first may be read anew."""
+        spans = ((first, behind) for first, behind in self.lost)
+        return next((s for s in spans if s[0] <= index < s[1] or index == s[0]), None)
+
+    def follow(
+        self, frames: Iterable[tuple[Array, Mask, float]],
+        key: Callable[[], FilmState | None] | None = None, every: int = 1,
+    ) -> None:  # fmt: skip
         """Follow the film through all of its frames.
 
         Each is the light (rows, cols) on blocks of pixels, from the first on, where it is trusted,
-        and its time.
+        and its time. `key` reads the frame that was given last from nothing, None where it cannot,
+        each `every` frames.
         """
         for index, (light, valid, time) in enumerate(frames):
+            self.count = index + 1
             rise = self.light.rise(light)
             wave = self.light.wave(light)
             breaks = index > self._begin and self._take(rise, wave, valid, time, index)
             if index == self._begin:
                 self._state = self._start
-            keyed = self._key is not None and index > self._begin
-            due = keyed and (breaks or index % self._every == 0)
+            read = key if index > self._begin else None
+            due = read is not None and (breaks or index % every == 0)
             if due or index in (0, self._begin) or index % self.chunk == 0:
-                state = self._state
-                if keyed and state.known.any():  # the next key frame finds what is not right
-                    order, known = regained(state.order, state.known, wave, valid)
-                    self._state = replace(state, order=order, known=known)
-                if due:
-                    self._settle(index)
+                if read is not None:
+                    self._regain(wave, valid)
+                if read is not None and due and (new := read()) is not None:
+                    self._settle(new, index)
                 self.kept[index] = keep_state(self._state)
+        if self._broken:
+            self.lost[-1].append(self.count)
 
     def _take(self, rise: Array, wave: Array, valid: Mask, time: float, index: int) -> bool:
         """One frame more, and what it says of the illumination; whether the film breaks there."""
@@ -298,12 +314,16 @@ class FilmPath:
         self.highest = max(self.highest, float(np.percentile(known, 99.5)) if known.size else 0.0)
         return False
 
-    def _settle(self, index: int) -> None:
+    def _regain(self, wave: Array, valid: Mask) -> None:
+        """Take in what its light bears out: the next key frame finds what is not right."""
+        state = self._state
+        if state.known.any():
+            order, known = regained(state.order, state.known, wave, valid)
+            self._state = replace(state, order=order, known=known)
+
+    def _settle(self, new: FilmState, index: int) -> None:
         """Hold a key frame, read from nothing, against what was followed to it."""
-        assert self._key is not None
-        new, old = self._key(), self._state
-        if new is None:
-            return
+        old = self._state
         if self._broken:
             self._broken = False
             self.lost[-1].append(index)

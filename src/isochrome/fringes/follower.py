@@ -47,7 +47,6 @@ CREST_SLOPE = 6.0
 
 STEEPEST = 0.3
 """Of fringes that are followed, fringes a pixel."""
-_LEAST_CONTRAST = 0.3
 
 _STRIDE = 3
 _FACTORS = 31
@@ -56,8 +55,6 @@ _ROUNDS = 5
 _OUTLIER = 0.3
 _CLIPPED = 0.5
 """Of the wave: a residual that counts half in the fit, and the square beyond which none counts."""
-_MOVED = 10.0
-"""Pixels that the fringes move with a coefficient of 1."""
 _RIDGE = 1e-3
 """How little a coefficient is let go from the search, of the pixels' information."""
 _TOP, _MOSTLY = 99.5, 97.0
@@ -82,9 +79,9 @@ def fit_order_change(
     if np.count_nonzero(use) < _FEWEST:
         return None
     y, x = (np.linspace(-1.0, 1.0, n, dtype=np.float32) for n in order.shape)
-    moved, one = np.float32(_MOVED), np.ones((1, 1), dtype=np.float32)
+    one = np.ones((1, 1), dtype=np.float32)
     along, across = gradient
-    fields = [order, order * x, order * y[:, None], expected, moved * across, moved * along, one]
+    fields = [order, order * x, order * y[:, None], expected, across, along, one]
     basis = np.stack([np.broadcast_to(f, order.shape)[thin, thin][use] for f in fields])
     shown, faded = wave[thin, thin][use], contrast[thin, thin][use]
     start = _searched(basis, shown, faded, max(float(np.percentile(basis[0], _TOP)), 1e-3))
@@ -127,7 +124,7 @@ def faded_fringes(order: Array) -> tuple[Array, Array, tuple[Array, Array]]:
         cv2.Sobel(order, cv2.CV_32F, dx, 1 - dx, ksize=3, scale=0.125) for dx in (0, 1)
     )
     square = along * along + across * across
-    contrast = np.maximum(1.0 - np.float32(np.pi**2 / 6.0) * square, np.float32(_LEAST_CONTRAST))
+    contrast = 1.0 - np.float32(np.pi**2 / 6.0) * square
     return contrast, square, (along, across)
 
 
@@ -164,7 +161,6 @@ _WINDOWS = (5.0, 2.5)
 _SPREAD, _SYSTEMATIC = 0.01, 0.03
 """Of the prediction, fringes, and of the wave by light that is not known exactly, which no window
 averages out: a region of even order that passes a crest is not to be held up on its near side."""
-_LARGEST_STEP = 0.2
 _SMOOTHED, _SMOOTH_PX, _SHARP = 0.2, 1.0, 0.15
 """Share of what is taken off below the narrow window, and the order below which nothing is: the
 order has a crease there, where it is nought."""
@@ -215,7 +211,7 @@ def follow_frame(
         if square > _LOST_AT_ONCE + _NOISE_LOST * noise**2 or largest > 1.1 * LARGEST_CHANGE:
             return _lost(state, time)
         order, known = np.abs(before + change), state.known
-        telling = weight * known * (steep < 1.2 * STEEPEST**2)
+        telling = weight * known * (steep < STEEPEST**2)
         order = _corrected(order, wave, contrast, telling, noise)
     trust = weight * known
     residual = (wave - contrast * np.cos(_TURN * order)) * trust
@@ -259,7 +255,7 @@ def _corrected(order: Array, wave: Array, contrast: Array, weight: Array, noise:
         weight_of_slope = slope * flank
         informed = _window_sum(weight_of_slope * slope, width) + np.float32(spread)
         step = _window_sum(weight_of_slope * residual, width) / informed
-        order = np.abs(order + np.clip(step, -_LARGEST_STEP, _LARGEST_STEP))
+        order = np.abs(order + step)
     fine = np.float32(_SMOOTHED) * (cv2.GaussianBlur(order, (0, 0), _SMOOTH_PX) - order)
     return np.asarray(order + np.where(order > _SHARP, fine, np.float32(0.0)))
 

@@ -35,6 +35,7 @@ from .imagej import (
 )
 from .result import (
     FIGURE_DPI,
+    FittedResult,
     FrameValues,
     InputContent,
     Result,
@@ -66,6 +67,7 @@ __all__ = [
     "FIGURE_DPI",
     "MM_PER_UNIT",
     "SUFFIXES",
+    "FittedResult",
     "Floats",
     "FrameValues",
     "GivenTable",

@@ -435,6 +435,72 @@ class FrameValues:
         }
 
 
+@dataclass(frozen=True, repr=False, kw_only=True)
+class FittedResult(Result):
+    """What was fitted to frames.
+
+    A class of these has `over_frames`, what each frame has of its own; `taken_as_exact`, keys of
+    the measured numbers whose uncertainty is in no ±; and what else it says.
+    """
+
+    if TYPE_CHECKING:
+
+        @property
+        def scene(self) -> Any:
+            """What stood in front of the camera."""
+
+        @property
+        def taken_as_exact(self) -> tuple[str, ...]:
+            """Keys of the measured numbers whose uncertainty is in no ±."""
+
+    @property
+    def over_frames(self) -> FrameValues:
+        """The values of each frame, to be drawn and summed up as those of other commands."""
+        raise NotImplementedError
+
+    @property
+    def rows(self) -> list[Sequence[Any]]:
+        """Of each fitted key what a sentence says of it, see `sentence_of`."""
+        return list(zip(*self.summary().values(), strict=True))
+
+    @property
+    def causes(self) -> list[str] | None:
+        """What the frames asked for besides; None where nobody asked them."""
+        return None
+
+    @property
+    def refined(self) -> list[str]:
+        """What the frames know better than the scene states it, and agree with."""
+        return []
+
+    @property
+    def besides(self) -> list[str]:
+        """What else than the pictures the ± are of."""
+        return []
+
+    def summary(self) -> dict[str, list[Any]]:
+        """What the frames come to."""
+        return self.over_frames.summary()
+
+    def main_values(self) -> Iterable[tuple[str, str]]:
+        """Each key over the frames."""
+        table = self.over_frames
+        columns = zip(table.keys, table.values.T, table.standard_uncertainty.T, strict=True)
+        yield from ((key, over_items(values, spreads)) for key, values, spreads in columns)
+
+    @property
+    def uncertainty_basis(self) -> str:
+        """What the ± are of, and what was taken as exact."""
+        count = len(self.over_frames.chi)
+        return basis_of_uncertainty(self.taken_as_exact, frames=count, besides=self.besides)
+
+    @property
+    def summary_text(self) -> str:
+        """What was found as a sentence, the same on the terminal and in a report."""
+        count, basis = len(self.over_frames.chi), self.uncertainty_basis
+        return sentence_of(self.rows, count, self.causes, refined=self.refined, basis=basis)
+
+
 WORDS = {
     "load.normal_n": ("load", " N"),
     "friction.coefficient": ("friction", ""),

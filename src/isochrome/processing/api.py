@@ -76,7 +76,7 @@ from isochrome.processing.processed import (
     shift_of,
     tabulate_set,
 )
-from isochrome.processing.result import PICTURE, FollowedFrame, ProcessedFrame
+from isochrome.processing.result import PICTURE, ProcessedFrame
 from isochrome.progress import RunProgress, Tally
 from isochrome.reporting import write_report
 from isochrome.runs import (
@@ -160,9 +160,9 @@ def process_chunk(task: FrameTask, start: int, stop: int) -> Results:
             if layer.compact is not None:
                 made = item.maps().get(layer.name)
                 pictures[layer.name].append(None if made is None else layer.compact.pack(made))
-            elif isinstance(item, ProcessedFrame):
+            elif item.normalised is not None:
                 pictures[layer.name].append(picture_of(item, layer.name, item.normalised.shape))
-        if isinstance(item, FollowedFrame):
+        if item.normalised is None:
             continue
         # with a model, which can draw them anew, for who asks alone
         wanted = task.rois or (item.fit is None and task.kind.draws_lines)
@@ -182,9 +182,7 @@ def process_chunk(task: FrameTask, start: int, stop: int) -> Results:
     return Results(pictures, rows, more, parts)
 
 
-def _within(
-    item: ProcessedFrame | FollowedFrame, layers: Sequence[Layer]
-) -> ProcessedFrame | FollowedFrame:
+def _within(item: ProcessedFrame, layers: Sequence[Layer]) -> ProcessedFrame:
     """A frame, that says where its orders go beyond what the store's steps reach."""
     kind = next((layer.compact for layer in layers if layer.name == ORDER.name), None)
     if kind is None or item.reading is None:
@@ -196,9 +194,7 @@ def _within(
     return replace(item, warnings=(*item.warnings, text))
 
 
-def picture_of(
-    item: ProcessedFrame | FollowedFrame, name: str, shape: tuple[int, ...]
-) -> np.ndarray:
+def picture_of(item: ProcessedFrame, name: str, shape: tuple[int, ...]) -> np.ndarray:
     """A layer's picture of a frame (rows, cols).
 
     Where it has none, no order is known, and none can be relied on.
@@ -208,7 +204,7 @@ def picture_of(
     return np.full(shape, 0.0 if name == CONFIDENCE.name else np.nan, dtype=np.float32)
 
 
-def more_of(item: ProcessedFrame | FollowedFrame, scene: Scene) -> dict[str, Any]:
+def more_of(item: ProcessedFrame, scene: Scene) -> dict[str, Any]:
     """What the dataset and the figure need to know besides the row."""
     left, top = item.corner_mm(scene)
     return {
@@ -311,7 +307,7 @@ def process_in_memory(source: FrameSource, count: int, progress: RunProgress | N
         rows.append(kind.row(item, task.scene))
         for name, film_maps in film.items():
             film_maps.append(picture_of(item, name, shape))
-        if isinstance(item, ProcessedFrame):
+        if item.normalised is not None:
             selected.append(item)
         flagged += item.status != "ok"
         if progress is not None:
@@ -559,10 +555,11 @@ def process(
             frames, scene = absolute(frames, scene)
             reader = open_scene_frames(frames, scene)
         kind = _kind_of_set(scene, reader, track=track, each=each, every=every, maps=maps)
+        kind = replace(kind, as_stated=as_stated)
         shown = working_folder(Path(out)) / PREVIEW if out is not None and preview else None
         task = FrameTask(
             frames=frames, scene=scene, reader=reader, kind=kind, rois=rois,
-            as_stated=as_stated, keep_going=keep_going, preview=shown,
+            keep_going=keep_going, preview=shown,
         )  # fmt: skip
         identity = partial(identity_of, task, files)
         if out is not None and not restart and _is_done(Path(out), identity):
@@ -625,19 +622,16 @@ def _processed(
     progress: RunProgress | None,
 ) -> Processed:
     """All states of a set, in memory or into a folder."""
-    scene, reader, count = task.scene, task.reader, count_of(task)
-    kind, text = task.kind.sized(scene, reader.shape, count, on_disk=out is not None)
-    source = open_set(replace(task, kind=kind))
-    task = source.task = replace(task, kind=kind.shared(source, count, progress))
-    if text and progress is not None:  # what is refused before is one line
-        progress(Tally(0, count, 0, 0, text))
+    count, source = count_of(task), open_set(task)
+    kind = task.kind.shared(source, count, progress, on_disk=out is not None)
+    task = source.task = replace(task, kind=kind)
     if out is None:
         return process_in_memory(source, count // task.steps, progress)
     job = Job(partial(process_chunk, task), set_layout(source, count // task.steps), identify())
     residual = source.capture.residual
     finish = partial(finish_set_folder, Path(out).absolute(), job, task, residual)
     result = run_job(job, out, finish, options=options, progress=progress)
-    return result or restore(task.scene, Path(out), reader.shape, residual)
+    return result or restore(task.scene, Path(out), task.reader.shape, residual)
 
 
 def _is_done(out: Path, identify: Callable[[], Mapping[str, Any]]) -> bool:

@@ -54,7 +54,6 @@ from isochrome.processing.result import (
     EXPLAINED,
     PICTURE,
     REFINED,
-    FollowedFrame,
     ProcessedFrame,
     cell_values,
     fitted_keys,
@@ -69,10 +68,10 @@ from isochrome.reporting import (
     ReportFrame,
     ReportTable,
     choose_frames,
-    paper_rows,
+    fitted_report,
 )
 from isochrome.runs import column_values
-from isochrome.scene import Scene, dump_scene
+from isochrome.scene import Scene
 from isochrome.simulation import make_picture, picture_signal
 from isochrome.stress import pixel_grid
 
@@ -388,7 +387,7 @@ _STRIP_PX = 22
 """Height of the line of words."""
 
 
-def write_preview(place: Path, item: ProcessedFrame | FollowedFrame) -> None:
+def write_preview(place: Path, item: ProcessedFrame) -> None:
     """Write a frame's orders as a picture, unless one was written just now or it has none.
 
     It is put in its place whole, so that a viewer never sees half of it.
@@ -419,7 +418,7 @@ def preview_picture(order: np.ndarray, words: str) -> Image.Image:
     return picture
 
 
-def _words(item: ProcessedFrame | FollowedFrame) -> str:
+def _words(item: ProcessedFrame) -> str:
     """The frame's number and label, its load and largest order where they are known."""
     row = item.row()
     parts = [f"frame {item.index}", item.label]
@@ -457,20 +456,16 @@ def process_report(dataset: Kept, result: Processed, record: Mapping[str, Any]) 
 
     `dataset`, the set's own; `record`, what provenance.json holds.
     """
-    table, scene = result.columns, result.scene
+    table = result.columns
     as_stated = (record.get("options") or {}).get("as_stated", False)
-    fitted = scene.has_model and bool(fitted_keys(table))
-    looked = result.asks_causes and not as_stated
-    verdict = replace(result, as_stated=as_stated).summary_text
+    result = replace(result, as_stated=as_stated)
+    fitted = result.scene.has_model and bool(fitted_keys(table))
     frames, choice = _frames(dataset, result)
-    return ReportContent(
-        command="process", title=result.title,
-        verdict=f"{verdict[:1].upper()}{verdict[1:]}. {_goodness(table)}", frames=frames,
-        choice=choice, curves=values_plots(result.over_frames),
+    return fitted_report(
+        result, record, result.summary_text, _goodness(table), command="process", frames=frames,
+        choice=choice, causes=result.causes if fitted else None, refined=result.refined,
         no_budget=(_NO_BUDGET if result.asks_causes else _OF_KNOWN_LOADS) if fitted else _NONE,
-        causes=result.causes if looked and fitted else None, refined=result.refined,
-        tables=_causes(table), taken_as_exact=result.taken_as_exact, warnings=result.warnings,
-        scene=dump_scene(scene), paper=paper_rows(scene, record),
+        tables=_causes(table),
     )  # fmt: skip
 
 

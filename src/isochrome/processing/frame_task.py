@@ -57,7 +57,6 @@ class FrameTask:
     reader: FrameReader
     kind: FrameKind
     rois: bool = False
-    as_stated: bool = False
     keep_going: bool = False
     preview: Path | None = None
 
@@ -109,7 +108,7 @@ class FrameSource:
                 label, distance = place_of(scene, first)
                 state = own_scene(scene, first)
             every = [first, *frames[1:]]
-            result = kind.read(every, state, self.capture, as_stated=self.task.as_stated)
+            result = kind.read(every, state, self.capture)
             if label == first.name:
                 label = result.label  # of several frames, from where to where
             notes = (kind.note,) if index == 0 and kind.note else ()
@@ -201,6 +200,6 @@ def identity_of(task: FrameTask, files: Sequence[Path | ArrayFrames]) -> Mapping
     """What a run on a set is a result of, as provenance.json keeps it. Raises InputError."""
     scene = task.scene
     seed = scene.camera.seed if scene.camera else None
-    stated = {"as_stated": True} if task.as_stated else {}
+    stated = {"as_stated": True} if task.kind.as_stated else {}
     options = {"rois": task.rois} | task.kind.identity | stated
     return run_identity(dump_scene(scene), files, options, seed)

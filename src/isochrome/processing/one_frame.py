@@ -34,6 +34,7 @@ from isochrome.output import named_frames, numbers
 from isochrome.processing.api import check_scene
 from isochrome.processing.frame_task import FrameSource, FrameTask, own_scene
 from isochrome.processing.kinds.image_only import (
+    ALMOST_ALL,
     WORTH_SAYING,
     frame_signal,
     orders_of,
@@ -43,7 +44,7 @@ from isochrome.processing.kinds.image_only import (
     wave_of,
 )
 from isochrome.processing.kinds.kind import kind_of
-from isochrome.processing.kinds.known_loads import known_series, process_known_loads, tells_load
+from isochrome.processing.kinds.known_loads import KnownLoads, known_series, tells_load
 from isochrome.processing.kinds.with_model import frame_causes
 from isochrome.processing.processed import Processed, tabulate_set
 from isochrome.processing.result import (
@@ -59,12 +60,9 @@ from isochrome.scene import FramesLike, Scene, SceneLike, check_pixel, load_scen
 
 Array = NDArray[Any]
 
-_SAME, _ALMOST_ALL = 0.05, 0.9
+_SAME, _MOST_PATCHES = 0.05, 0.9
 """Fringes within which an order is as it was, or a whole one away from it; and share of a part's
 patches of which that is so where it is said of the part."""
-
-_ENDS = (0.5, 99.5)
-"""Per cent of a part's patches between which its orders are said to lie."""
 
 
 @dataclass(frozen=True)
@@ -93,19 +91,12 @@ class FrameResult:
     @property
     def values(self) -> tuple[FrameValue, ...]:
         """The fitted values; none where the frame does not show the scene's model."""
-        fit = self.frame.fit
-        if fit is None:
-            pairs = fitted_pairs(self.row).items()  # what has an uncertainty, where it is known
-            known = {key: pair for key, pair in pairs if np.isfinite(numbers(pair)).all()}
-            return tuple(FrameValue(key, *pair, asked=False) for key, pair in known.items())
-        if not self.frame.has_values:
-            return ()
         causes, refined = (cell_values(self.row.get(name) or "") for name in (CAUSES, REFINED))
+        pairs = fitted_pairs(self.row) | causes | refined
         return tuple(
             FrameValue(key, float(value), float(spread), key in causes, key in refined)
-            for key, value, spread in zip(
-                fit.keys, fit.values, fit.standard_uncertainty, strict=True
-            )
+            for key, (value, spread) in pairs.items()
+            if np.isfinite(numbers([value]))[0]
         )
 
 
@@ -196,7 +187,7 @@ def part_change(before: Array, after: Array, under: str, what: str) -> tuple[str
         return "new", message("gets_no_order_known", under=under, span=_span(after))
     away = (after - before)[np.isfinite(before) & np.isfinite(after)]
     step = round(float(np.median(away))) if away.size else 0
-    if np.mean(np.abs(away - step) < _SAME) < _ALMOST_ALL:
+    if np.mean(np.abs(away - step) < _SAME) < _MOST_PATCHES:
         return "changed", f"{under} changes from {_span(before)} to {_span(after)}"
     if not step:
         grown = int(np.isfinite(after).sum()) - int(np.isfinite(before).sum())
@@ -211,7 +202,7 @@ def part_change(before: Array, after: Array, under: str, what: str) -> tuple[str
 
 def _span(order: Array) -> str:
     """Between which orders a part lies, but for a few of its patches."""
-    low, high = np.percentile(order[np.isfinite(order)], _ENDS)
+    low, high = np.percentile(order[np.isfinite(order)], (100.0 - ALMOST_ALL, ALMOST_ALL))
     return f"{low:.1f}..{high:.1f}"
 
 
@@ -326,7 +317,7 @@ def _against_others(reader: FrameReader, scene: Scene, capture: Capture) -> Iter
         return
     capture_of_set = replace(capture, series=series)
     looked = [f for f in reader if f.index in (0, len(scene.frames.known_loads_n) // 2)]
-    result = [process_known_loads(frame, scene, capture_of_set) for frame in looked]
+    result = [KnownLoads().read([frame], scene, capture_of_set) for frame in looked]
     read = any(tells_load(frame) for frame in result)
     for frame in result:
         for text in frame.warnings[:1] if not tells_load(frame) else ():

@@ -31,9 +31,8 @@ from isochrome.fitting import (
 )
 from isochrome.messages import frame_messages, message, read_frame_messages, warnings_json
 from isochrome.output import (
+    FittedResult,
     FrameValues,
-    Result,
-    basis_of_uncertainty,
     columns_of,
     counted,
     messages_of_frames,
@@ -43,7 +42,6 @@ from isochrome.output import (
     refined_texts,
     rows_by_key,
     saved_picture,
-    sentence_of,
     sentence_of_orders,
 )
 from isochrome.processing.kinds.largest_order import ORDER_SPREAD, largest_from
@@ -251,7 +249,7 @@ _NOTABLE = 0.02
 
 
 @dataclass(frozen=True, repr=False, kw_only=True)
-class Processed(Result):
+class Processed(FittedResult):
     """A set of processed frames.
 
     Parameters
@@ -314,10 +312,6 @@ class Processed(Result):
         """Whether most frames were followed from key frames."""
         return PICTURE in self.columns
 
-    def summary(self) -> dict[str, list[Any]]:
-        """What the frames come to."""
-        return self.over_frames.summary()
-
     @property
     def over_frames(self) -> FrameValues:
         """The fitted values, to be drawn and summed up as those of other commands."""
@@ -332,8 +326,7 @@ class Processed(Result):
 
     def main_values(self) -> Iterator[tuple[str, str]]:
         """What was fitted, how well, and how much was read."""
-        for key in fitted_keys(self.columns):
-            yield key, over_items(self.columns[key], self.columns[f"{key} {SPREAD}"])
+        yield from super().main_values()
         for name in ("n_max", ORDER_SPREAD, "chi", "kept_share", "fringe_lines"):
             if any(value is not None for value in self.columns.get(name, ())):
                 digits = 2 if name == ORDER_SPREAD else 5
@@ -346,8 +339,10 @@ class Processed(Result):
         return not self.scene.frames.has_known_loads
 
     @property
-    def causes(self) -> list[str]:
+    def causes(self) -> list[str] | None:
         """What frames asked for besides the scene: keys, and how many frames did."""
+        if self.as_stated or not self.asks_causes:
+            return None
         cells = [cell_values(cell or "") for cell in self.columns.get(CAUSES, ())]
         counts = Counter(key for cell in cells for key in cell)
         return [f"{key} ({n} of {counted(len(cells), 'frame')})" for key, n in counts.items()]
@@ -369,23 +364,15 @@ class Processed(Result):
         return taken_as_exact(self.scene, keys, tracked=self.tracked) if by_model else ()
 
     @property
-    def uncertainty_basis(self) -> str:
-        """What the ± are of, and what was taken as exact."""
+    def besides(self) -> list[str]:
+        """What else than the pictures the ± are of."""
         known = not self.tracked and bool(stated_pairs(self.scene))
-        besides = ["the stated uncertainties"] * known
-        return basis_of_uncertainty(
-            self.taken_as_exact, frames=len(self.columns["frame"]), besides=besides
-        )
+        return ["the stated uncertainties"] * known
 
     @property
     def summary_text(self) -> str:
         """What was found as a sentence, the same on the terminal and in a report."""
-        rows = list(zip(*self.summary().values(), strict=True))
-        if not rows:
-            return sentence_of_orders(self.columns)
-        causes = self.causes if self.asks_causes and not self.as_stated else None
-        count, basis = len(self.columns["frame"]), self.uncertainty_basis
-        return sentence_of(rows, count, causes, refined=self.refined, basis=basis)
+        return super().summary_text if self.rows else sentence_of_orders(self.columns)
 
     def to_json(self) -> dict[str, Any]:
         """The table of all frames, of a tracked video with what they come to."""
@@ -423,7 +410,7 @@ def collect(
         frames = [
             replace(
                 one,
-                columns={n: wider[n][k] for n in one.columns},
+                columns={n: wider[n][k] if n in wider else v for n, v in one.columns.items()},
                 warnings=read_frame_messages(messages[k]),
             )
             for k, one in enumerate(frames)

@@ -20,7 +20,6 @@ from isochrome.stress import pixel_grid
 
 if TYPE_CHECKING:
     from isochrome.calibration import LoadSeries
-    from isochrome.fitting import Tracked
     from isochrome.fringes import ColourTable, ResidualStress
 
 Array = NDArray[Any]
@@ -105,10 +104,13 @@ class Capture:
 
 
 @dataclass(frozen=True, kw_only=True)
-class SetFrame:
-    """What every frame of a set has, however it was processed: its order's `reading`, if any.
+class ProcessedFrame:
+    """What was found in one frame; maps are (row, col), NaN = not known.
 
-    `failed`: nothing could be found.
+    `normalised`, the signal 0 to 1, None of a frame that was followed between two key frames, and
+    its `noise`; the order's `reading`; with a model the `fit`, else the fringe `lines`; what else
+    stands in its `columns`; `isoclinic`, the direction of sigma_1 (degrees) of phase steps; `chi`
+    of the whole frame; `failed`: nothing could be found.
     """
 
     index: int
@@ -120,46 +122,18 @@ class SetFrame:
     reading: OrderReading | None = None
     warnings: tuple[str, ...] = ()
     failed: bool = False
-
-    @property
-    def status(self) -> str:
-        """'ok', 'flagged' (there are warnings) or 'failed'."""
-        return "failed" if self.failed else "flagged" if self.warnings else "ok"
-
-    @property
-    def names(self) -> dict[str, Any]:
-        """The first columns of frames.csv."""
-        return {"frame": self.index, "name": self.name, "label": self.label}
-
-    @property
-    def messages(self) -> dict[str, Any]:
-        """The last column of frames.csv."""
-        return {"warnings": SEPARATOR.join(self.warnings)}
-
-    def maps(self) -> dict[str, Array]:
-        """The maps of its order (rows, cols), by the name of their file; none where it has none."""
-        if self.reading is None:
-            return {}
-        return {"fringe_order": self.reading.order, "confidence": self.reading.confidence}
-
-
-@dataclass(frozen=True, kw_only=True)
-class ProcessedFrame(SetFrame):
-    """What was found in one frame; maps are (row, col), NaN = not known.
-
-    `normalised`, the signal 0 to 1, and its `noise`; with a model the order's `reading`, the `fit`
-    and the columns of the `largest` order; without one the fringe `lines` and its own `columns`;
-    `isoclinic`, the direction of sigma_1 (degrees) of phase steps; `chi` of the whole frame.
-    """
-
-    normalised: Array
+    normalised: Array | None = None
     fit: FrameFit | None = None
     lines: list[Skeleton] = field(default_factory=list)
     noise: float = float("nan")
     chi: float = float("nan")
     isoclinic: Array | None = None
-    largest: dict[str, Any] = field(default_factory=dict)
     columns: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def status(self) -> str:
+        """'ok', 'flagged' (there are warnings) or 'failed'."""
+        return "failed" if self.failed else "flagged" if self.warnings else "ok"
 
     @property
     def has_values(self) -> bool:
@@ -178,65 +152,35 @@ class ProcessedFrame(SetFrame):
         return order_contours(self.reading.order, min_length_px=SHORTEST_PX)
 
     def corner_mm(self, scene: Scene) -> tuple[float, float]:
-        """Outer edges (mm) of the first column and row, in the scene's axes; 0 without any."""
+        """Outer edges (mm) of the first column and row, in the scene's axes; 0 without any.
+
+        Of a followed frame those that were tracked, else NaN.
+        """
+        if self.normalised is None:
+            edges = (self.columns.get(f"camera.{edge}_mm", np.nan) for edge in ("left", "top"))
+            return next(edges), next(edges)
         rows, cols = self.normalised.shape[:2]
         return corner_of(scene if self.fit is None else self.fit.scene, (rows, cols))
 
     def maps(self) -> dict[str, Array]:
-        """The maps that are written to disk, by the name of their file."""
-        maps = {"normalised": self.normalised} | super().maps()
-        return maps if self.isoclinic is None else maps | {"isoclinic": self.isoclinic}
+        """The maps that are written to disk (rows, cols), by the name of their file."""
+        maps = {"normalised": self.normalised, "isoclinic": self.isoclinic}
+        if self.reading is not None:
+            maps |= {"fringe_order": self.reading.order, "confidence": self.reading.confidence}
+        return {name: values for name, values in maps.items() if values is not None}
 
     def row(self) -> dict[str, Any]:
         """The frame's row of frames.csv."""
-        place = {"distance_m": self.distance_m, "chi": self.chi, "noise": self.noise}
-        row = self.names | place | {"pixel_mm": self.pixel_mm} | self.columns
-        if self.fit is not None and self.reading is not None and not self.columns:
-            fit = self.fit
-            row |= {"kept_share": self.reading.kept} | self.largest
-            if self.has_values:  # of a lost fit, only the place that it began with is left
-                row |= value_columns(fit.keys, fit.values, fit.standard_uncertainty)
-        elif not (self.failed or self.columns):
+        row: dict[str, Any] = {"frame": self.index, "name": self.name, "label": self.label}
+        row |= {"distance_m": self.distance_m, "chi": self.chi, "noise": self.noise}
+        row |= {"pixel_mm": self.pixel_mm} | self.columns
+        if not (self.failed or self.columns):
             row["fringe_lines"] = len(self.lines)
-        return row | self.messages
-
-
-@dataclass(frozen=True, kw_only=True)
-class FollowedFrame(SetFrame):
-    """A frame between two key frames of a tracked video.
-
-    `tracked`, the values of `keys`, None in a frame that failed; its `reading`, where maps of all
-    frames are wanted, with the `scene` that it shows and the columns of its `largest` order.
-    """
-
-    keys: tuple[str, ...]
-    tracked: Tracked | None = None
-    noise: float = float("nan")
-    scene: Scene | None = None
-    largest: dict[str, Any] = field(default_factory=dict)
-
-    def corner_mm(self, _: Scene) -> tuple[float, float]:
-        """Outer edges (mm) of the first column and row where they were tracked, else NaN."""
-        place = dict(zip(self.keys, self.tracked.values, strict=True)) if self.tracked else {}
-        left, top = (float(place.get(f"camera.{edge}_mm", np.nan)) for edge in ("left", "top"))
-        return left, top
-
-    def row(self) -> dict[str, Any]:
-        """The frame's row of frames.csv."""
-        row = self.names | {PICTURE: None, FOUND_BY: NOTHING}
-        row |= {"distance_m": self.distance_m, "pixel_mm": self.pixel_mm}
-        if (tracked := self.tracked) is not None:
-            row["chi"] = tracked.chi
-            if np.isfinite(tracked.values).any():
-                row[FOUND_BY] = SEARCHED if tracked.searched else FOLLOWED
-            row |= value_columns(self.keys, tracked.values, tracked.standard_uncertainty)
-        if self.reading is not None and self.scene is not None:
-            row |= {"noise": self.noise, "kept_share": self.reading.kept} | self.largest
-        return row | self.messages
+        return row | {"warnings": SEPARATOR.join(self.warnings)}
 
 
 def frame_fields(frame: Frame, scene: Scene | None = None) -> dict[str, Any]:
-    """The fields that a SetFrame has of its captured frame, and of a scene's scale."""
+    """The fields that a ProcessedFrame has of its captured frame, and of a scene's scale."""
     fields = {"index": frame.index, "name": frame.name, "label": frame.name, "time_s": frame.time_s}
     return fields | {"pixel_mm": scene.camera.pixel_mm if scene and scene.camera else None}
 

@@ -36,10 +36,11 @@ from isochrome.figures import (
     curve_columns,
     new_figure,
     show_image,
+    values_plots,
 )
 from isochrome.messages import entry_of
-from isochrome.output import to_last_digit, with_uncertainty, write_text
-from isochrome.scene import Camera, Frames, Polariscope, Scene
+from isochrome.output import FittedResult, to_last_digit, with_uncertainty, write_text
+from isochrome.scene import Camera, Frames, Polariscope, Scene, dump_scene
 
 if TYPE_CHECKING:
     from jinja2 import Template
@@ -291,6 +292,21 @@ class ReportContent:
     scene_title: str = "Scene"
     paper: Sequence[tuple[str, str]] = ()  # names and values of what a paper states
     picture: bytes | None = None  # the run's own figure, PNG
+
+
+def fitted_report(
+    result: FittedResult, record: Mapping[str, Any], verdict: str, goodness: str, **parts: Any
+) -> ReportContent:
+    """What the report of fitted frames says, with the `parts` that are of its command.
+
+    `record`, what provenance.json holds; `verdict`, in a sentence; `goodness`, in another one.
+    """
+    return ReportContent(
+        title=result.title, verdict=f"{verdict[:1].upper()}{verdict[1:]}. {goodness}",
+        curves=values_plots(result.over_frames), taken_as_exact=result.taken_as_exact,
+        warnings=result.warnings, scene=dump_scene(result.scene),
+        paper=paper_rows(result.scene, record), **parts,
+    )  # fmt: skip
 
 
 def warnings_with_remedies(warnings: Iterable[str]) -> list[dict[str, Any]]:

@@ -6,10 +6,7 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from isochrome.errors import InputError
-from isochrome.estimation import POOR_CHI
 from isochrome.fitting.folder import keep_values, kept_values
 from isochrome.fitting.frame.frame_fit import placed
 from isochrome.fitting.frame.single_state import slid_until, sliding_scene
@@ -48,27 +45,10 @@ from isochrome.scene import (
     load_scene,
 )
 
-__all__ = ["Track", "refuse_shared", "track"]
+__all__ = ["Track", "track"]
 
 CHUNK = 250
 """Frames that are kept together: a killed track goes on from the last of them."""
-
-
-def refuse_shared(keys: tuple[str, ...]) -> None:
-    """Refuse keys that all frames share: a frame is tracked before the others are seen.
-
-    Parameters
-    ----------
-    keys : tuple of str
-        The keys that were asked for.
-
-    Raises
-    ------
-    InputError
-        Where there is one; it names the key and what to do.
-    """
-    if keys:
-        raise InputError("free_together_track_tracked", keys=keys[0])
 
 
 def track(
@@ -205,8 +185,7 @@ class _TrackWork:
             frame = self.reader.frame(index)
             distance = slid_until(self.scene, frame)
             result.append(track_row(index, distance, self.keys, tracker.track(frame, distance)))
-        good = [row["positive"] and row["chi"] <= POOR_CHI for row in result]
-        more = [{"status": "ok" if ok else "flagged"} for ok in good]
+        more = [{"status": "flagged" if row["messages"] else "ok"} for row in result]
         return Results({}, result, more, {}, tracker.state())
 
     def result(self, rows: Iterable[Mapping[str, Any]]) -> Track:
@@ -242,7 +221,7 @@ def _finish(run_folder: RunFolder, job: Job, work: _TrackWork) -> Track:
     result = work.result(row for row, _ in rows(run_folder))
     write_figure(run_folder.results / "fit.png", result.figure())
     status = [more["status"] for _, more in rows(run_folder)]
-    searched = np.isin(np.arange(len(status)), result.searched).astype(int).tolist()
+    searched = result.over_frames.searched.astype(int).tolist()
     columns = {
         "chi": column(result.chi.tolist(), "frame", "chi"),
         "searched": column(searched, "frame", "searched"),

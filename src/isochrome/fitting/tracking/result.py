@@ -9,24 +9,27 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from isochrome.errors import PhysicsError
-from isochrome.estimation import POOR_CHI
 from isochrome.figures import BAND, PaperPanels, panels_figure, plain_name, values_plots
 from isochrome.fitting.arrays import Array
 from isochrome.fitting.frame.unknowns import taken_as_exact
 from isochrome.fitting.frame_set import CORRECT
 from isochrome.fitting.result import PARTS, column_name
-from isochrome.fitting.tracking.tracker import AGAIN, FAR, NO_FRINGES, POOR, Tracked
-from isochrome.messages import message, read_warnings, warnings_json
+from isochrome.fitting.tracking.tracker import AGAIN, Tracked
+from isochrome.messages import (
+    frame_messages,
+    message,
+    read_frame_messages,
+    read_warnings,
+    warnings_json,
+)
 from isochrome.output import (
+    FittedResult,
     FrameValues,
-    Result,
-    basis_of_uncertainty,
     columns_of,
     counted,
-    counted_frames,
+    messages_of_frames,
     numbers,
     over_items,
-    sentence_of,
 )
 from isochrome.scene import Scene
 
@@ -39,7 +42,7 @@ TRACK_PARTS = {"value": "values"} | {n: n for n in PARTS[1:] if n != "noise_unce
 
 
 @dataclass(frozen=True, repr=False, kw_only=True)
-class Track(Result):
+class Track(FittedResult):
     """Tracked values of n frames.
 
     `keys`; `values`, `standard_uncertainty`, `cramer_rao_bound` (n, keys), NaN where a frame does
@@ -78,14 +81,13 @@ class Track(Result):
     def columns(self) -> dict[str, Any]:
         """Those of fit.csv: one row for each key of each frame."""
         count, keys = self.values.shape
-        searched = np.isin(np.arange(count), self.searched).astype(int)
         return {
             "frame": np.repeat(np.arange(count).astype(str), keys),
             "distance_m": np.repeat(self.distance_m, keys),
             "key": np.tile(np.array(self.keys), count),
             **{part: getattr(self, name).ravel() for part, name in TRACK_PARTS.items()},
             "chi": np.repeat(self.chi, keys),
-            "searched": np.repeat(searched, keys),
+            "searched": np.repeat(self.over_frames.searched.astype(int), keys),
         }
 
     @property
@@ -95,8 +97,7 @@ class Track(Result):
 
     def main_values(self) -> Iterator[tuple[str, str]]:
         """Each key over the frames, and chi."""
-        parts = zip(self.keys, self.values.T, self.standard_uncertainty.T, strict=True)
-        yield from ((key, over_items(values, spreads)) for key, values, spreads in parts)
+        yield from super().main_values()
         yield "chi", over_items(self.chi)
 
     @property
@@ -114,26 +115,11 @@ class Track(Result):
         """Keys of the measured numbers whose uncertainty is not in the ±, stated or not."""
         return taken_as_exact(self.scene, self.keys, tracked=True)
 
-    @property
-    def uncertainty_basis(self) -> str:
-        """What the ± are of, and what was taken as exact."""
-        return basis_of_uncertainty(self.taken_as_exact, frames=len(self.chi))
-
-    @property
-    def summary_text(self) -> str:
-        """What was found as a sentence, the same on the terminal and in a report."""
-        rows = zip(*self.summary().values(), strict=True)
-        return sentence_of(rows, len(self.chi), None, basis=self.uncertainty_basis)
-
     def figure(self) -> Figure:
         """Each key with its band, and chi."""
         head = f"{plain_name(self.scene.name)}: tracked values, band ± {BAND:g} standard"
         head += " uncertainties\ncircles: found by a full search"
         return panels_figure(PaperPanels(plots=values_plots(self.over_frames)), head)
-
-    def summary(self) -> dict[str, list[Any]]:
-        """What the frames come to."""
-        return self.over_frames.summary()
 
 
 def track_row(
@@ -144,7 +130,9 @@ def track_row(
     for part, name in TRACK_PARTS.items():
         values = np.asarray(getattr(found, name), float).tolist()
         row |= {column_name(key, part): v for key, v in zip(keys, values, strict=True)}
-    return row | {name: bool(getattr(found, name)) for name in ("searched", "positive", "far")}
+    # the first frame has nothing to be followed from
+    said = [text for text in found.warnings if index or text != message(AGAIN)]
+    return row | {"searched": bool(found.searched), "messages": frame_messages(said)}
 
 
 def untracked_inputs(scene: Scene) -> list[str]:
@@ -188,30 +176,16 @@ def make_track(
         raise PhysicsError(
             "nothing_could_read_any", name=scene.name, single_fits_count=count, cause=cause
         )
+    cells = enumerate(table["messages"])
+    of_frames = [(k, text) for k, cell in cells for text in read_frame_messages(cell)]
     means = {
         key: float(values[known[:, j], j].mean()) for j, key in enumerate(keys) if known[:, j].any()
     }
     return Track(
         keys=keys, **parts, chi=numbers(table["chi"]), distance_m=numbers(table["distance_m"]),
         searched=tuple(np.flatnonzero(table["searched"]).tolist()), scene=scene.with_values(means),
-        warnings=(*said, *untracked_inputs(scene), *_warnings(table)),
+        warnings=(*said, *untracked_inputs(scene), *messages_of_frames(of_frames)),
     )  # fmt: skip
-
-
-def _warnings(table: Mapping[str, Any]) -> Iterator[str]:
-    chi = numbers(table["chi"])
-    searched, positive, far = (np.array(table[name]) for name in ("searched", "positive", "far"))
-    first = np.arange(len(chi)) == 0  # has nothing to be followed from
-    warnings = (
-        (searched & positive & ~first, message(AGAIN)),
-        (~positive & ~far, message(NO_FRINGES)),
-        (~positive & far, message(FAR)),
-        (positive & (chi > POOR_CHI), message(POOR)),
-    )
-    for where, text in warnings:
-        if where.any():
-            worst = f" (chi up to {chi[where].max():.2f})" * (text == message(POOR))
-            yield f"{counted_frames(np.flatnonzero(where).tolist())}: {text}{worst}"
 
 
 def restored(found: Mapping[str, Any], keys: tuple[str, ...], scene: Scene) -> Track:

@@ -83,9 +83,7 @@ class ColourLight(FrameKind):
             ]
             yield from map(list, islice(zip(*readers, strict=True), start, None))
 
-    def read(
-        self, frames: Sequence[Frame], scene: Scene, capture: Capture, *, as_stated: bool
-    ) -> ProcessedFrame:
+    def read(self, frames: Sequence[Frame], scene: Scene, capture: Capture) -> ProcessedFrame:
         """The order that the colours tell; a model of the scene is not used."""
         light, valid, sigma = _stacked(frames, scene, capture)
         first = frames[0]

@@ -33,7 +33,6 @@ from isochrome.fringes import (
     FilmLight,
     FilmPath,
     FilmState,
-    KeptState,
     follow_frame,
     joined_pixels,
     joined_reading,
@@ -57,38 +56,12 @@ if TYPE_CHECKING:
 Array = NDArray[Any]
 Mask = NDArray[np.bool_]
 Frames = Iterator[tuple[int, list[Frame]]]
+Captured = Callable[[], Frames]
 
 
 NOT_KNOWN = "no_order_known_from"
 READ_ANEW = "orders_read_anew_frame"
 DIFFERING = "specimen_left_out_frames"
-
-
-@dataclass(frozen=True, kw_only=True)
-class FollowedFilm:
-    """What the frames of a film have in common, and where each chunk of them begins.
-
-    `data`, its light on blocks of pixels, with `wave_noise`; `light` of the frames' size, `guide`
-    on the blocks; `kept`, states by the number of their frame; `lost`, from which frame to
-    which, not included, nothing is known.
-    """
-
-    data: FilmData = field(repr=False)
-    light: FilmLight = field(repr=False)
-    guide: FilmLight = field(repr=False)
-    wave_noise: float
-    kept: dict[int, KeptState] = field(repr=False)
-    lost: tuple[tuple[int, int], ...]
-    count: int
-    notes: tuple[str, ...]
-
-    def begin(self, index: int) -> int:
-        """The number of the last frame up to this one whose state is kept."""
-        return max(place for place in self.kept if place <= index)
-
-    def end(self, index: int) -> int:
-        """The number of the frame before the next one whose state is kept."""
-        return min((place - 1 for place in self.kept if place > index), default=self.count - 1)
 
 
 class FilmData:
@@ -136,20 +109,13 @@ class FilmData:
             self.noise = estimate_noise(frame.image, self.valid, bit_depth=self.depth)
             self.between = noise_between_pixels(frame.image, self.valid, self.noise)
 
-    def wave_noise(self, level: float) -> float:
-        """Noise of the wave on blocks, at half of full scale and an illumination."""
+    def path(self, start: FilmState, light: FilmLight, count: int, begin: int = 0) -> FilmPath:
+        """A path through `count` frames, with the noise of its wave, at half of full scale."""
+        level = float(np.median(light.illumination[self.material]))
         grey = float(self.noise.sigma(0.5 * self.full)) / self.full * self.between
-        return 2.0 * max(grey / self.by, FLAWS * level / self.by) / level
-
-    def film(
-        self, path: FilmPath, light: FilmLight, count: int, notes: tuple[str, ...]
-    ) -> FollowedFilm:
-        """The film as it was followed."""
-        spans = tuple((span[0], span[1] if len(span) > 1 else count) for span in path.lost)
-        return FollowedFilm(
-            data=self, light=light, guide=light.joined(self.by), wave_noise=path.noise,
-            kept=path.kept, lost=spans, count=count, notes=notes,
-        )  # fmt: skip
+        noise = 2.0 * max(grey / self.by, FLAWS * level / self.by) / level
+        chunk = chunk_size(count, 4 * self.valid.size)
+        return FilmPath(start, light, noise=noise, chunk=chunk, begin=begin)
 
 
 def film_time(frame: Frame, index: int) -> float:
@@ -159,23 +125,28 @@ def film_time(frame: Frame, index: int) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class Film(ImageOnly):
-    """A film without a model whose orders are followed in time; `film`, what its frames share."""
+    """A film without a model whose orders are followed in time.
 
-    film: FollowedFilm | None = None
+    What its frames share: `data`, their light on blocks of pixels; the `path` that was followed;
+    `light`, of the frames' size; `notes`, what the first frame says.
+    """
+
+    data: FilmData | None = field(default=None, repr=False)
+    path: FilmPath | None = field(default=None, repr=False)
+    light: FilmLight | None = field(default=None, repr=False)
+    notes: tuple[str, ...] = ()
 
     draws_lines = False
 
-    def shared(self, source: FrameSource, count: int, progress: RunProgress | None) -> FrameKind:
-        """What one pass or two over all frames tell."""
-        rows, cols = source.reader.shape
-        again = partial(_reported, partial(source.captured, 0, count), count, progress)
-        chunk = chunk_size(count, 4 * rows * cols)
-        return self.followed(again, source.task.scene, source.capture, chunk, count)
-
-    def followed(
-        self, captured: Callable[[], Frames], scene: Scene, capture: Capture, chunk: int, count: int
+    def shared(
+        self, source: FrameSource, count: int, progress: RunProgress | None, *, on_disk: bool
     ) -> FrameKind:
-        """The film as it is followed through its `count` frames, in chunks.
+        """What one pass or two over all frames tell."""
+        again = partial(_reported, partial(source.captured, 0, count), count, progress)
+        return self.followed(source, again, count)
+
+    def followed(self, source: FrameSource, captured: Captured, count: int) -> FrameKind:
+        """The film as it is followed through its `count` frames.
 
         `captured` gives its frames anew, each with its number. Raises InputError, PhysicsError.
         """
@@ -183,26 +154,66 @@ class Film(ImageOnly):
 
     def states(self, source: FrameSource, start: int, stop: int) -> Iterator[ProcessedFrame]:
         """The frames in time, from the last kept state on."""
-        film, scene = self.film, source.task.scene
-        assert film is not None
-        data = film.data
+        data, path = self.data, self.path
+        assert data is not None and path is not None
         state: FilmState | None = None
-        for index, (frame, *_) in source.captured(film.begin(start), stop):
+        for index, (frame, *_) in source.captured(path.begin(start), stop):
             light = data.light(frame)
-            lost = any(first <= index < behind for first, behind in film.lost)
-            if index in film.kept:
-                state = film.kept[index].state()
+            span = path.lost_at(index)
+            lost = span is not None and index < span[1]
+            if index in path.kept:
+                state = path.kept[index].state()
             elif not lost:
                 assert state is not None
-                wave = film.guide.wave(joined_pixels(light, data.by))
+                wave = path.light.wave(joined_pixels(light, data.by))
                 time = film_time(frame, index)
-                trusted = data.unclipped(frame)
-                state = follow_frame(state, wave, trusted, time, noise=film.wave_noise)
+                state = follow_frame(state, wave, data.unclipped(frame), time, noise=path.noise)
             assert state is not None
             if index >= start:
                 known = state.known & (not lost)
                 numbered = replace(frame, index=index)
-                yield _read(film, replace(state, known=known), numbered, light, scene)
+                yield self._read(replace(state, known=known), numbered, light, source.task.scene)
+
+    def _read(self, state: FilmState, frame: Frame, light: Array, scene: Scene) -> ProcessedFrame:
+        """One frame, read where it was followed."""
+        data, ends = self.data, self.light
+        assert data is not None and ends is not None
+        valid = data.valid & (frame.image < data.clipped)
+        sigma = data.between * data.noise.linear_sigma(
+            frame.image, bit_depth=data.depth, gamma=data.gamma
+        )
+        sigma = np.maximum(sigma, FLAWS * ends.illumination).astype(np.float32)
+        reading = read_followed(light, state, ends, sigma=sigma, valid=valid, by=data.by)
+        signal = ends.rise(light) / ends.illumination
+        relative = sigma / ends.illumination
+        known = np.isfinite(reading.order)
+        residual = (signal - np.sin(np.pi * np.where(known, reading.order, 0.0)) ** 2) / relative
+        chi = float(np.sqrt(np.mean(np.square(residual[known])))) if known.any() else float("nan")
+        orders = order_columns(reading.order, reading.uncertainty)
+        return ProcessedFrame(
+            **frame_fields(frame, scene), reading=reading, chi=chi,
+            normalised=np.where(valid, signal, np.nan).astype(np.float32),
+            noise=float(np.median(relative[valid])) if valid.any() else float("nan"),
+            warnings=self._warnings(frame.index, reading.kept),
+            columns={"kept_share": reading.kept, **orders},
+        )  # fmt: skip
+
+    def _warnings(self, index: int, known_share: float) -> tuple[str, ...]:
+        """What to say of a frame."""
+        path = self.path
+        assert self.data is not None and path is not None
+        notes = list(self.notes) if index == 0 else []
+        if (span := path.lost_at(index)) is not None:
+            start, stop = span
+            again = message(NOT_KNOWN) if stop >= path.count else message(READ_ANEW, stop=stop)
+            return (*notes, not_followed(start) + "; " + again)
+        begin = path.begin(index)
+        if doubts := path.kept[begin].doubted:
+            share = 100.0 * doubts / max(1, int(np.count_nonzero(self.data.material)))
+            notes.append(message(DIFFERING, share=share, begin=begin, end=path.end(index)))
+        if known_share < 0.5 and index > 0:
+            notes.append(message("only_specimen_pixels_could", known_share=100.0 * known_share))
+        return tuple(notes)
 
 
 def _reported(captured: Callable[[], Frames], count: int, progress: RunProgress | None) -> Frames:
@@ -215,30 +226,6 @@ def _reported(captured: Callable[[], Frames], count: int, progress: RunProgress 
         yield index, frames
 
 
-def _read(
-    film: FollowedFilm, state: FilmState, frame: Frame, light: Array, scene: Scene
-) -> ProcessedFrame:
-    """One frame, read where it was followed."""
-    data = film.data
-    valid = data.valid & (frame.image < data.clipped)
-    sigma = data.between * data.noise.linear_sigma(
-        frame.image, bit_depth=data.depth, gamma=data.gamma
-    )
-    sigma = np.maximum(sigma, FLAWS * film.light.illumination).astype(np.float32)
-    reading = read_followed(light, state, film.light, sigma=sigma, valid=valid, by=data.by)
-    signal = film.light.rise(light) / film.light.illumination
-    relative = sigma / film.light.illumination
-    known = np.isfinite(reading.order)
-    residual = (signal - np.sin(np.pi * np.where(known, reading.order, 0.0)) ** 2) / relative
-    chi = float(np.sqrt(np.mean(np.square(residual[known])))) if known.any() else float("nan")
-    return ProcessedFrame(
-        **frame_fields(frame, scene), normalised=np.where(valid, signal, np.nan).astype(np.float32),
-        reading=reading, noise=float(np.median(relative[valid])) if valid.any() else float("nan"),
-        chi=chi, warnings=_warnings(film, frame.index, reading.kept),
-        columns={"kept_share": reading.kept, **order_columns(reading.order, reading.uncertainty)},
-    )  # fmt: skip
-
-
 def not_followed(start: int) -> str:
     """What to say of a film that is lost before a frame `start`."""
     return message(
@@ -246,27 +233,13 @@ def not_followed(start: int) -> str:
     )
 
 
-def _warnings(film: FollowedFilm, index: int, known_share: float) -> tuple[str, ...]:
-    """What to say of a frame."""
-    notes = list(film.notes) if index == 0 else []
-    for start, stop in film.lost:
-        if start <= index < max(stop, start + 1):
-            again = message(NOT_KNOWN) if stop >= film.count else message(READ_ANEW, stop=stop)
-            return (*notes, not_followed(start) + "; " + again)
-    begin = film.begin(index)
-    if doubts := film.kept[begin].doubted:
-        share = 100.0 * doubts / max(1, int(np.count_nonzero(film.data.material)))
-        notes.append(message(DIFFERING, share=share, begin=begin, end=film.end(index)))
-    if known_share < 0.5 and index > 0:
-        notes.append(message("only_specimen_pixels_could", known_share=100.0 * known_share))
-    return tuple(notes)
-
-
 NOT_UNLOADED = "frames_starts_unloaded_set_first"
 OWN_CRESTS = "illumination_found_from_crests"
 OTHER_LIGHT = "crests_times_bright_no"
 FEW_ORDERS = "film_orders_reach_alone"
-_NOISE_FRAMES = 8
+_TRIED = 16
+"""Frames at most whose noise is looked at, and that a film may begin with: unloaded ones have no
+fringes."""
 _DARKER, _DARKER_SHARE = 0.05, 0.01
 """By how much of the contrast, and in which share of the specimen, light falls below the first
 frame's before that was not unloaded: fringes of order 0.07 are as bright."""
@@ -291,10 +264,9 @@ class UnloadedFilm(Film):
             raise InputError("frames_gamma_unknown_single", name=name)
         super().check(scene)
 
-    def followed(
-        self, captured: Callable[[], Frames], scene: Scene, capture: Capture, chunk: int, count: int
-    ) -> FrameKind:
+    def followed(self, source: FrameSource, captured: Captured, count: int) -> FrameKind:
         """Followed from its first frame."""
+        scene, capture = source.task.scene, source.capture
         first = next(iter(captured()))[1][0]
         data = FilmData(first, scene, capture)
         field_zero, other = (capture.dark, capture.bright)[:: int(data.sign)]
@@ -304,7 +276,7 @@ class UnloadedFilm(Film):
         top, below = BrightestLight(), joined_pixels(zero, data.by)
         for index, (frame, *_) in captured():
             top.add(np.float32(data.sign) * (joined_pixels(data.light(frame), data.by) - below))
-            if index % max(1, count // _NOISE_FRAMES) == 0:
+            if index % max(1, count // _TRIED) == 0:
                 data.take_noise(frame)
         least = -_DARKER * top.contrast(data.material)
         share = float(np.mean((top.lowest < least)[data.material]))
@@ -322,12 +294,11 @@ class UnloadedFilm(Film):
         )
         if rough:  # the first frame's own noise is in all differences from it
             data.between *= float(np.sqrt(2.0))
-        level = float(np.median(surface[data.material]))
-        start = unloaded_state(data.material, film_time(first, 0))
-        path = FilmPath(start, guide, noise=data.wave_noise(level), chunk=chunk)
+        path = data.path(unloaded_state(data.material, film_time(first, 0)), guide, count)
         path.follow((*data.joined(frames[0]), film_time(frames[0], k)) for k, frames in captured())
         light, notes = _final_light(path, data, zero, given, scene)
-        return replace(self, film=data.film(path, light, count, notes))
+        path.light = light.joined(data.by)
+        return replace(self, data=data, path=path, light=light, notes=notes)
 
 
 def _final_light(
@@ -358,8 +329,6 @@ def _final_light(
 
 _MOST_BREAKS = 0.5
 """Share of the steps from frame to frame beyond which a set is no film."""
-_TRIED = 16
-"""Frames at most that a film may begin with: unloaded ones have no fringes."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -373,75 +342,60 @@ class KeyedFilm(Film):
     key_every: int = KEY_EVERY
     by_default: bool = False
 
-    def followed(
-        self, captured: Callable[[], Frames], scene: Scene, capture: Capture, chunk: int, count: int
-    ) -> FrameKind:
+    def followed(self, source: FrameSource, captured: Captured, count: int) -> FrameKind:
         """Followed from its key frames; read one by one where that fails by default."""
-        every = self.key_every
         try:
-            film = prepare_keyed(captured, scene, capture, chunk=chunk, count=count, every=every)
+            return self._keyed(source, captured, count)
         except PhysicsError as error:
             if not self.by_default:
                 raise PhysicsError("leave_track_out_each", error=error) from error
             return ImageOnly(note=message("each_frame_read_itself", error=error))
-        return replace(self, film=film)
 
     @property
     def identity(self) -> dict[str, Any]:
         """Its key frames."""
         return {"key_every": self.key_every}
 
-
-def prepare_keyed(
-    captured: Callable[[], Frames], scene: Scene, capture: Capture, *, chunk: int, count: int,
-    every: int,
-) -> FollowedFilm:  # fmt: skip
-    """Pass over a film: its key frames, and the states of its chunks, one each `chunk` frames.
-
-    `captured` gives the film's frames anew, each with its number. PhysicsError where no frame to
-    begin with can be read, or the frames are no film.
-    """
-    begin, first, key_frame, ends = _first_key(captured(), scene, capture, count)
-    assert key_frame.reading is not None
-    data = FilmData(first, scene, capture)
-    data.take_noise(first)
-    # order 0 is at the bright end in the bright field
-    zero, other = (ends.dark, ends.bright)[:: int(data.sign)]
-    illumination = np.maximum(data.sign * (other - zero), 1e-3).astype(np.float32)
-    zero = zero.astype(np.float32)
-    error, at_zero = (ends.signal_uncertainty(end).astype(np.float32) for end in (other, zero))
-    light = FilmLight(
-        zero=zero, illumination=illumination, error=error, zero_error=at_zero, sign=data.sign
-    )
-    guide = light.joined(data.by)
-    start = joined_reading(key_frame.reading, data.by, film_time(first, begin))
-    last: list[tuple[int, Frame]] = []
-
-    def key() -> FilmState | None:
-        index, frame = last[0]
-        result: ProcessedFrame = read_alone(frame, scene, capture)[0]
-        if result.reading is None or not _is_read(result):
-            return None
-        return joined_reading(result.reading, data.by, film_time(frame, index))
-
-    path = FilmPath(
-        start, guide, noise=data.wave_noise(float(np.median(guide.illumination[data.material]))),
-        chunk=chunk, key=key, every=every, begin=begin,
-    )  # fmt: skip
-
-    def frames() -> Iterator[tuple[Array, Mask, float]]:
-        for index, (frame, *_) in captured():
-            last[:] = [(index, frame)]
-            yield (*data.joined(frame), film_time(frame, index))
-
-    path.follow(frames())
-    name, breaks, steps = scene.name, len(path.lost) - (begin > 0), count - 1 - begin
-    if breaks > _MOST_BREAKS * steps:
-        raise PhysicsError(
-            "cannot_followed_in_time", name=name, change=LARGEST_CHANGE, breaks=breaks, steps=steps
+    def _keyed(self, source: FrameSource, captured: Captured, count: int) -> FrameKind:
+        """Followed; PhysicsError where no frame to begin with can be read, or it is no film."""
+        scene, capture = source.task.scene, source.capture
+        begin, first, key_frame, ends = _first_key(captured(), scene, capture, count)
+        assert key_frame.reading is not None
+        data = FilmData(first, scene, capture)
+        data.take_noise(first)
+        # order 0 is at the bright end in the bright field
+        zero, other = (ends.dark, ends.bright)[:: int(data.sign)]
+        illumination = np.maximum(data.sign * (other - zero), 1e-3).astype(np.float32)
+        zero = zero.astype(np.float32)
+        error, at_zero = (ends.signal_uncertainty(end).astype(np.float32) for end in (other, zero))
+        light = FilmLight(
+            zero=zero, illumination=illumination, error=error, zero_error=at_zero, sign=data.sign
         )
-    notes = (*key_frame.warnings, message("light_first_key_frame", begin=begin))
-    return data.film(path, light, count, notes)
+        start = joined_reading(key_frame.reading, data.by, film_time(first, begin))
+        path = data.path(start, light.joined(data.by), count, begin)
+        last: list[tuple[int, Frame]] = []
+
+        def key() -> FilmState | None:
+            index, frame = last[0]
+            result: ProcessedFrame = read_alone(frame, scene, capture)[0]
+            if result.reading is None or not _is_read(result):
+                return None
+            return joined_reading(result.reading, data.by, film_time(frame, index))
+
+        def frames() -> Iterator[tuple[Array, Mask, float]]:
+            for index, (frame, *_) in captured():
+                last[:] = [(index, frame)]
+                yield (*data.joined(frame), film_time(frame, index))
+
+        path.follow(frames(), key, self.key_every)
+        breaks, steps = len(path.lost) - (begin > 0), count - 1 - begin
+        if breaks > _MOST_BREAKS * steps:
+            raise PhysicsError(
+                "cannot_followed_in_time", name=scene.name, change=LARGEST_CHANGE, breaks=breaks,
+                steps=steps,
+            )  # fmt: skip
+        notes = (*key_frame.warnings, message("light_first_key_frame", begin=begin))
+        return replace(self, data=data, path=path, light=light, notes=notes)
 
 
 def _first_key(

@@ -173,7 +173,7 @@ say where the bright end is."""
 
 LEAST_ORDER = 1.25
 """Highest order below which that is so too, whatever lines the light's own spots add."""
-_ALMOST_ALL = 99.5
+ALMOST_ALL = 99.5
 """Per cent of the pixels, of whose order that is."""
 
 FEW_FRINGES = "least_needed_without_frames"
@@ -213,9 +213,7 @@ class FrameSignal:
 class ImageOnly(FrameKind):
     """Single frames without a model, whose orders hang together with places of known order."""
 
-    def read(
-        self, frames: Sequence[Frame], scene: Scene, capture: Capture, *, as_stated: bool
-    ) -> ProcessedFrame:
+    def read(self, frames: Sequence[Frame], scene: Scene, capture: Capture) -> ProcessedFrame:
         """The order that hangs together with known ones."""
         return read_alone(frames[0], scene, capture)[0]
 
@@ -307,7 +305,7 @@ def refused_beforehand(
 def refused_low(order: Array, capture: Capture) -> str:
     """Why orders are too low to be told without a bright no-load frame; empty if they are not."""
     known = order[np.isfinite(order)]
-    highest = float(np.percentile(known, _ALMOST_ALL)) if known.size else 0.0
+    highest = float(np.percentile(known, ALMOST_ALL)) if known.size else 0.0
     if capture.bright is None and 0.0 < highest < LEAST_ORDER:
         return message(
             FEW_FRINGES, value=f"fringes up to order {highest:.2f}", fewest_lines=LEAST_ORDER

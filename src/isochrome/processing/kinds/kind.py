@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from isochrome.errors import InputError
 from isochrome.frames import Frame, FrameReader, load_no_load
-from isochrome.processing.result import Capture, FollowedFrame, ProcessedFrame, row_of_set
+from isochrome.processing.result import Capture, ProcessedFrame, row_of_set
 from isochrome.progress import RunProgress
 from isochrome.runs import Layer
 from isochrome.scene import Scene
@@ -83,10 +83,12 @@ def refuse_no_load_steps(scene: Scene) -> None:
 class FrameKind:
     """How the frames of a set are read; `note`, what the first frame says of that.
 
-    Its methods say what is the same for most kinds; `read` and `values` are of each.
+    `as_stated`, whether all that a scene states is held. Its methods say what is the same for most
+    kinds; `read` and `values` are of each.
     """
 
     note: str = ""
+    as_stated: bool = False
 
     draws_lines: ClassVar[bool] = True
     """Whether fringe lines are kept of frames without a fit, though nobody asks for them."""
@@ -112,14 +114,13 @@ class FrameKind:
         """What all frames share: the files besides them. Raises InputError."""
         return Capture(reader.bit_depth, *load_no_load(scene, full_shape=reader.full_shape))
 
-    def sized(
-        self, scene: Scene, shape: tuple[int, int], count: int, on_disk: bool
-    ) -> tuple[FrameKind, str]:
-        """The kind for `count` frames of a `shape`, and what to say of it. Raises InputError."""
-        return self, ""
+    def shared(
+        self, source: FrameSource, count: int, progress: RunProgress | None, *, on_disk: bool
+    ) -> FrameKind:
+        """The kind with what the `count` frames of an opened set have in common.
 
-    def shared(self, source: FrameSource, count: int, progress: RunProgress | None) -> FrameKind:
-        """The kind with what the frames of an opened set have in common. Raises PhysicsError."""
+        `on_disk`, whether maps are written. Raises InputError, PhysicsError.
+        """
         return self
 
     def held(self, scene: Scene) -> Scene:
@@ -133,20 +134,13 @@ class FrameKind:
         while len(together := list(islice(frames, steps))) == steps:
             yield together
 
-    def states(
-        self, source: FrameSource, start: int, stop: int
-    ) -> Iterator[ProcessedFrame | FollowedFrame]:
+    def states(self, source: FrameSource, start: int, stop: int) -> Iterator[ProcessedFrame]:
         """What is read in the states [start, stop). Raises InputError, PhysicsError."""
         for index, frames in source.captured(start, stop):
             yield source.processed(index, frames)
 
-    def read(
-        self, frames: Sequence[Frame], scene: Scene, capture: Capture, *, as_stated: bool
-    ) -> ProcessedFrame:
-        """One state: its `frames`, its own `scene`; `as_stated`, whether that holds as it is.
-
-        Raises InputError, PhysicsError.
-        """
+    def read(self, frames: Sequence[Frame], scene: Scene, capture: Capture) -> ProcessedFrame:
+        """One state: its `frames`, its own `scene`. Raises InputError, PhysicsError."""
         raise NotImplementedError
 
     def values(self, scene: Scene) -> tuple[str, ...]:
@@ -158,7 +152,7 @@ class FrameKind:
         place = ("distance_m", "chi", "noise", "pixel_mm")
         return ("frame", "name", "label", *place, *self.values(scene), "warnings")
 
-    def row(self, item: ProcessedFrame | FollowedFrame, scene: Scene) -> dict[str, Any]:
+    def row(self, item: ProcessedFrame, scene: Scene) -> dict[str, Any]:
         """A frame's row of frames.csv."""
         return row_of_set(item.row(), self.columns(scene), scene)
 

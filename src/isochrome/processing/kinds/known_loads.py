@@ -35,11 +35,34 @@ class KnownLoads(ImageOnly):
         """The frames of known loads too."""
         return replace(super().prepare(scene, reader), series=known_series(scene, reader))
 
-    def read(
-        self, frames: Sequence[Frame], scene: Scene, capture: Capture, *, as_stated: bool
-    ) -> ProcessedFrame:
-        """The load by those of the others, and the order as of an image."""
-        return process_known_loads(frames[0], scene, capture)
+    def read(self, frames: Sequence[Frame], scene: Scene, capture: Capture) -> ProcessedFrame:
+        """Read a load against the known ones, and the order as the image alone tells it.
+
+        The load is NaN where the known loads do not tell it, and a warning says why.
+        """
+        (frame,) = frames
+        assert capture.series is not None and scene.rim_diameter_mm is not None
+        columns: dict[str, Any] = {LOAD: float("nan"), f"{LOAD} {SPREAD}": float("nan")}
+        notes, more, inside = list[str](), dict[str, Any](), None
+        try:
+            read = read_load(capture.series, _shot(frame, scene, capture, 0.0), frame.index)
+        except PhysicsError as error:
+            notes.append(str(error))
+        else:
+            columns = {LOAD: read.load_n, f"{LOAD} {SPREAD}": read.standard_uncertainty}
+            columns |= {EXPLAINED: read.explained}
+            notes += _told(read, scene.frames.known_loads_n, frame.index)
+            scale = scene.camera.pixel_mm if scene.camera else None
+            more["pixel_mm"] = scale or scene.rim_diameter_mm / (2.0 * read.rim.radius)
+            more["chi"] = read.chi
+            row, col = np.ogrid[: frame.image.shape[0], : frame.image.shape[1]]
+            inside = np.hypot(row - read.rim.row, col - read.rim.col) < WITHIN * read.rim.radius
+        # what the image alone tells within the rim
+        result = read_alone(frame, scene, capture, inside=inside)[0]
+        # where nobody asked for orders it is said once, of the set
+        image = result.warnings if scene.frames.orders_known else ()
+        columns = {"fringe_lines": len(result.lines)} | result.columns | columns
+        return replace(result, columns=columns, warnings=(*notes, *image), **more)
 
     def loads(self) -> tuple[str, ...]:
         """The load, and how much of the light is explained."""
@@ -62,35 +85,6 @@ def _shot(frame: Frame, scene: Scene, capture: Capture, load_n: float) -> Shot:
     bright = scene.polariscope.field == "bright"
     fields = {name: getattr(data, name) for name in ("light", "sigma", "valid", "raw", "raw_sigma")}
     return Shot(**fields, name=data.name, gamma=data.gamma, load_n=load_n, bright=bright)
-
-
-def process_known_loads(frame: Frame, scene: Scene, capture: Capture) -> ProcessedFrame:
-    """Read a frame's load against the frames of known loads, and its order as the image tells it.
-
-    The load is NaN where the known loads do not tell it, and a warning says why.
-    """
-    assert capture.series is not None and scene.rim_diameter_mm is not None
-    columns: dict[str, Any] = {LOAD: float("nan"), f"{LOAD} {SPREAD}": float("nan")}
-    notes, more, inside = list[str](), dict[str, Any](), None
-    try:
-        read = read_load(capture.series, _shot(frame, scene, capture, 0.0), frame.index)
-    except PhysicsError as error:
-        notes.append(str(error))
-    else:
-        columns = {LOAD: read.load_n, f"{LOAD} {SPREAD}": read.standard_uncertainty}
-        columns |= {EXPLAINED: read.explained}
-        notes += _told(read, scene.frames.known_loads_n, frame.index)
-        scale = scene.camera.pixel_mm if scene.camera else None
-        more["pixel_mm"] = scale or scene.rim_diameter_mm / (2.0 * read.rim.radius)
-        more["chi"] = read.chi
-        row, col = np.ogrid[: frame.image.shape[0], : frame.image.shape[1]]
-        inside = np.hypot(row - read.rim.row, col - read.rim.col) < WITHIN * read.rim.radius
-    # what the image alone tells within the rim
-    result = read_alone(frame, scene, capture, inside=inside)[0]
-    # where nobody asked for orders it is said once, of the set
-    image = result.warnings if scene.frames.orders_known else ()
-    columns = {"fringe_lines": len(result.lines)} | result.columns | columns
-    return replace(result, columns=columns, warnings=(*notes, *image), **more)
 
 
 def _told(read: LoadReading, loads: Sequence[float], number: int) -> list[str]:

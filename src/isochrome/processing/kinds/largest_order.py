@@ -33,8 +33,6 @@ FRAME, MODEL, AT_LEAST = "frame", "model", "at least"
 
 LARGEST = ("n_max", "n_max_row_px", "n_max_col_px", "n_max_uncertainty", ORDER_FROM, ORDER_SPREAD)
 LARGEST_BY_MODEL = ("n_max", "n_max_x_mm", "n_max_z_mm", "n_max_uncertainty", ORDER_FROM)
-_FINER = 5
-"""Places to a pixel where the model's largest order is looked for: at most 1/25 of the rise off."""
 PRESSURE = ("p_max_mpa", "p_max_uncertainty_mpa")
 
 
@@ -106,9 +104,7 @@ def largest_with_model(
         values, spreads = _of_scene(fit, frame.pixels, peak)
     if source == MODEL:
         value, pixel, spread = top, peak, np.hypot(spreads[0], excess)
-    if source == MODEL and np.isfinite(_nine(frame.picture.order, *peak)).all():
-        value += _rise(scene if fit is None else fit.scene, frame.pixels, peak)
-    elif source != AT_LEAST:
+    if source != AT_LEAST:
         spread = np.hypot(spread, _between(frame.picture.order, *pixel))
     x, z = frame.pixels.place(*pixel)
     result |= {"n_max": float(value), "n_max_x_mm": x, "n_max_z_mm": z}
@@ -140,7 +136,7 @@ def _between(order: Array, row: int, col: int) -> float:
     its eight neighbours; beside an edge, half of how far it falls from there.
     Parameters: `order` (rows, cols), NaN where there is no specimen; `row`, `col` of the largest.
     """
-    a = _nine(order, row, col)
+    a = np.pad(order, 1, constant_values=np.nan)[row : row + 3, col : col + 3].astype(float)
     slope = 0.5 * np.array([a[2, 1] - a[0, 1], a[1, 2] - a[1, 0]])
     across = 0.25 * (a[2, 2] - a[2, 0] - a[0, 2] + a[0, 0])
     bend = np.array([
@@ -149,26 +145,6 @@ def _between(order: Array, row: int, col: int) -> float:
     if np.isfinite(a).all() and np.linalg.det(bend) > 0.0:
         return float(-0.5 * slope @ np.linalg.solve(bend, slope))
     return 0.5 * float(a[1, 1] - np.nanmin(a[[0, 1, 1, 2], [1, 0, 2, 1]]))
-
-
-def _nine(order: Array, row: int, col: int) -> Array:
-    """A pixel's order and those of its neighbours (3, 3), NaN where there is no specimen."""
-    return np.pad(order, 1, constant_values=np.nan)[row : row + 3, col : col + 3].astype(float)
-
-
-def _rise(scene: Scene, pixels: PixelGrid, peak: tuple[int, int]) -> float:
-    """How far a model's order rises within a pixel of its largest pixel's middle, fringes."""
-    x, z = pixels.place(*peak)
-    pixel = pixels.pixel_mm
-    state = SceneRenderer(scene, (pixels.rows, pixels.cols)).state(scene)
-    steps = pixel * (np.arange(_FINER) - _FINER // 2) / _FINER - 1.5 * pixel
-    orders = [
-        make_picture(scene, state_difference(scene, state, nine), nine).order
-        for nine in (
-            PixelGrid(3, 3, x + across, z + down, pixel) for down in steps for across in steps
-        )
-    ]  # about the middle one's middle, and beside it
-    return float(np.nanmax(orders) - orders[len(orders) // 2][1, 1])
 
 
 def _of_scene(fit: FrameFit, pixels: PixelGrid, peak: tuple[int, int]) -> tuple[Array, Array]:

@@ -46,9 +46,7 @@ class PhaseStepped(FrameKind):
             raise InputError("frames_no_load_steps_has_no", path=scene.path(name))
         return Capture(reader.bit_depth, residual=result)
 
-    def read(
-        self, frames: Sequence[Frame], scene: Scene, capture: Capture, *, as_stated: bool
-    ) -> ProcessedFrame:
+    def read(self, frames: Sequence[Frame], scene: Scene, capture: Capture) -> ProcessedFrame:
         """Order and isoclinic angle of a state."""
         light, valid, sigma = _stacked(frames, scene, capture)
         residual = capture.residual

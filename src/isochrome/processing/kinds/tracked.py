@@ -5,7 +5,7 @@ model, by the same reading as of a frame that is processed by itself.
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -33,19 +33,20 @@ from isochrome.processing.kinds.kind import CONFIDENCE, KEY_EVERY, MOST_IN_MEMOR
 from isochrome.processing.kinds.largest_order import largest_with_model
 from isochrome.processing.kinds.with_model import WithModel, of_share, read_frame
 from isochrome.processing.result import (
+    FOLLOWED,
     FOUND_BY,
     NOTHING,
     PICTURE,
+    SEARCHED,
     SPREAD,
     WHOLE,
-    Capture,
-    FollowedFrame,
     ProcessedFrame,
     failed_frame,
     frame_fields,
     row_of_set,
+    value_columns,
 )
-from isochrome.progress import RunProgress
+from isochrome.progress import RunProgress, Tally
 from isochrome.runs import Compact, Layer
 from isochrome.scene import Scene
 from isochrome.simulation import make_picture, scene_states, state_difference
@@ -97,51 +98,48 @@ class TrackedFilm(WithModel):
         """Whether all frames have maps."""
         return self.maps == "all"
 
-    def sized(
-        self, scene: Scene, shape: tuple[int, int], count: int, on_disk: bool
-    ) -> tuple[FrameKind, str]:
-        """With the maps that are written, and a sentence of what they take. Raises InputError."""
+    def shared(
+        self, source: FrameSource, count: int, progress: RunProgress | None, *, on_disk: bool
+    ) -> FrameKind:
+        """With the maps that are written, and the apparatus, asked of one frame."""
+        scene, shape = source.task.scene, source.reader.shape
         check_tracked(scene, shape, self.key_step)
         step = self.every or -(-count // -(-count // KEY_EVERY))
         pixels = math.prod(shape)
         most, each = (MOST_ON_DISK, _BYTES) if on_disk else (MOST_IN_MEMORY, 8)
-        chosen = self.wanted or ("all" if each * pixels * count <= most else "key")
-        if chosen != "all":
+        maps = self.wanted or ("all" if each * pixels * count <= most else "key")
+        kind = replace(self, every=step, maps=maps)
+        if maps != "all":
             why = f"those of all {count} might take {each * pixels * count / 1e9:.3g} GB"
-            text = {"key": "maps of the key frames", "none": "no maps"}[chosen]
+            text = {"key": "maps of the key frames", "none": "no maps"}[maps]
             text += f"; {why}: --maps all writes them" if self.wanted is None else ""
-            return replace(self, every=step, maps=chosen), text
-        order = order_step(scene, shape)
-        pages = on_disk and 4 * pixels * count <= MOST_PAGED
-        space = (_TYPICAL if on_disk else each) * pixels
-        text = (
-            f"maps of {counted(count, 'frame')}: about {1e-6 * space:.2g} MB a frame, "
-            f"{1e-9 * space * count:.3g} GB in all, orders in steps of {order:g} fringe"
-        )
-        if on_disk and not pages:
-            text += (
-                "; the TIFF stacks hold the key frames: isochrome export --to tiff makes all pages"
+        else:
+            order = order_step(scene, shape)
+            pages = on_disk and 4 * pixels * count <= MOST_PAGED
+            kind = replace(kind, order_step=order, pages=pages)
+            space = (_TYPICAL if on_disk else each) * pixels
+            text = (
+                f"maps of {counted(count, 'frame')}: about {1e-6 * space:.2g} MB a frame, "
+                f"{1e-9 * space * count:.3g} GB in all, orders in steps of {order:g} fringe"
             )
-        return replace(self, every=step, maps=chosen, order_step=order, pages=pages), text
-
-    def shared(self, source: FrameSource, count: int, progress: RunProgress | None) -> FrameKind:
-        """With the apparatus, asked of one frame."""
-        if source.task.as_stated:
-            return self
-        scene, capture = sliding_scene(source.task.scene), source.capture
-        no_load = capture.dark, capture.bright
-        apparatus = find_apparatus(
-            source.reader, scene, free_keys(scene), count=count, no_load=no_load
-        )
-        return replace(self, apparatus=apparatus)
+            if on_disk and not pages:
+                text += "; the TIFF stacks hold the key frames: isochrome export --to tiff makes "
+                text += "all pages"
+        if not self.as_stated:
+            bare, no_load = sliding_scene(scene), (source.capture.dark, source.capture.bright)
+            found = find_apparatus(
+                source.reader, bare, free_keys(bare), count=count, no_load=no_load
+            )
+            kind = replace(kind, apparatus=found)
+        if progress is not None:  # what is refused before is one line
+            progress(Tally(0, count, 0, 0, text))
+        return kind
 
     def held(self, scene: Scene) -> Scene:
         """The scene with the apparatus's own values."""
         return scene if self.apparatus is None else self.apparatus.stated
 
-    def states(
-        self, source: FrameSource, start: int, stop: int
-    ) -> Iterator[ProcessedFrame | FollowedFrame]:
+    def states(self, source: FrameSource, start: int, stop: int) -> Iterator[ProcessedFrame]:
         """What is read in the frames [start, stop); `start` is a key frame.
 
         Key frames are processed as if there were no others; each of the other frames is followed
@@ -159,13 +157,6 @@ class TrackedFilm(WithModel):
             else:
                 yield track.follow(frame)
 
-    def read(
-        self, frames: Sequence[Frame], scene: Scene, capture: Capture, *, as_stated: bool
-    ) -> ProcessedFrame:
-        """A key frame by itself, in the apparatus of all."""
-        # what belongs to the apparatus was asked before, of one frame for all of them
-        return super().read(frames, scene, capture, as_stated=True)
-
     def values(self, scene: Scene) -> tuple[str, ...]:
         """What is fitted."""
         return self.fitted(scene)
@@ -175,10 +166,10 @@ class TrackedFilm(WithModel):
         frame, name, label, *others = super().columns(scene)
         return (frame, name, label, PICTURE, FOUND_BY, *others)
 
-    def row(self, item: ProcessedFrame | FollowedFrame, scene: Scene) -> dict[str, Any]:
+    def row(self, item: ProcessedFrame, scene: Scene) -> dict[str, Any]:
         """With a key frame's place and the apparatus."""
-        row = item.row()
-        if isinstance(item, ProcessedFrame):
+        row = {PICTURE: None, FOUND_BY: NOTHING} | item.row()
+        if item.normalised is not None:
             place = None if self.maps == "none" else item.index // self.key_step
             row |= {PICTURE: place, FOUND_BY: WHOLE if item.has_values else NOTHING}
             held = {} if self.apparatus is None else self.apparatus.values
@@ -259,19 +250,26 @@ class KeyFrames:
         )  # fmt: skip
         return self._tracker.begin(frame, fit.scene, fit.chi, slid_until(self.scene, frame))
 
-    def follow(self, frame: Frame) -> FollowedFrame:
+    def follow(self, frame: Frame) -> ProcessedFrame:
         """One frame more. Raises InputError, PhysicsError."""
         label, distance = place_of(self.source.task.scene, frame)
         fields = frame_fields(frame, self.scene) | {"label": label, "distance_m": distance}
-        result = FollowedFrame(**fields, keys=self.keys)
         try:
             tracked = self._tracked(frame)
-            result = replace(result, tracked=tracked, warnings=tracked.warnings)
-            return self._with_map(result, frame) if self.kind.maps_of_all else result
+            columns: dict[str, Any] = value_columns(
+                self.keys, tracked.values, tracked.standard_uncertainty
+            )
+            if np.isfinite(tracked.values).any():
+                columns[FOUND_BY] = SEARCHED if tracked.searched else FOLLOWED
+            result = ProcessedFrame(
+                **fields, chi=tracked.chi, columns=columns, warnings=tracked.warnings
+            )
+            mapped = self.kind.maps_of_all and tracked.positive
+            return self._with_map(result, frame) if mapped else result
         except IsochromeError as error:
             if not self.source.task.keep_going:
                 raise
-            return replace(result, tracked=None, warnings=(str(error),), failed=True)
+            return ProcessedFrame(**fields, warnings=(str(error),), failed=True)
 
     def _tracked(self, frame: Frame) -> Tracked:
         """The tracked values; where there is no track yet, it begins with the whole frame.
@@ -288,22 +286,17 @@ class KeyFrames:
             complete = replace(failed_frame(frame, str(error)), failed=False)
         return self.begin(frame, complete)
 
-    def _with_map(self, item: FollowedFrame, frame: Frame) -> FollowedFrame:
+    def _with_map(self, item: ProcessedFrame, frame: Frame) -> ProcessedFrame:
         """A followed frame with its orders, read on the branches of the followed model.
 
         Raises InputError, PhysicsError.
         """
-        tracked = item.tracked
-        if self._tracker is None or tracked is None or not tracked.positive:
-            return item
+        assert self._tracker is not None
         data, model, scene = self._tracker.model_frame(frame)
-        reading, noise, lost = read_frame(
-            frame, data, model, chi=tracked.chi, positive=tracked.positive
-        )
+        reading, noise, lost = read_frame(frame, data, model, chi=item.chi, positive=True)
         if lost:
             return item
         largest, of_largest = largest_with_model(reading, model, scene)
         notes = (*item.warnings, *of_share(reading), *of_largest)
-        return replace(
-            item, reading=reading, noise=noise, scene=scene, largest=largest, warnings=notes
-        )
+        columns = item.columns | {"kept_share": reading.kept} | largest
+        return replace(item, reading=reading, noise=noise, columns=columns, warnings=notes)

@@ -38,6 +38,7 @@ from isochrome.processing.result import (
     Capture,
     ProcessedFrame,
     frame_fields,
+    value_columns,
 )
 from isochrome.scene import Scene
 
@@ -53,18 +54,39 @@ _NO_ORDER = "model_too_far_off_name"
 class WithModel(FrameKind):
     """Frames of a scene with a model, whose unknowns are fitted to each.
 
-    `apparatus`, what the frames of a video have in common, where that was asked of one of them.
+    `apparatus`, what the frames of a video have in common, where that was asked of one of them, and
+    so of no other.
     """
 
     apparatus: Apparatus | None = None
 
-    def read(
-        self, frames: Sequence[Frame], scene: Scene, capture: Capture, *, as_stated: bool
-    ) -> ProcessedFrame:
-        """The order on the branches of the fitted model."""
-        return process_with_model(
-            frames[0], scene, capture, as_stated=as_stated, apparatus=self.apparatus
-        )
+    def read(self, frames: Sequence[Frame], scene: Scene, capture: Capture) -> ProcessedFrame:
+        """Fit a one-state scene to a frame, and read the order on the branch it names.
+
+        InputError on a blank frame, PhysicsError where the scene's fringes are not in it.
+        """
+        frame, apparatus = frames[0], self.apparatus
+        data = _prepared(frame, scene, capture)
+        if apparatus is not None:
+            data = apparatus.seen(data)
+        held = self.as_stated or apparatus is not None
+        data, fit, scene, notes, has_slip = _fitted(data, scene, frame, as_stated=held)
+        data, model = _held(data, fit)
+        reading, noise, lost = read_frame(frame, data, model, chi=fit.chi, positive=fit.positive)
+        inside = data.valid & model.picture.material & (not lost)
+        gain = np.where(model.illumination > 0.0, model.illumination, np.nan)
+        signal = np.where(inside, (data.light - model.background) / gain, np.nan)
+        largest, of_largest = largest_with_model(reading, model, fit.scene, fit)
+        notes += [] if has_slip else _warnings(fit, reading, lost)
+        columns = {"kept_share": reading.kept} | largest
+        if not lost and np.isfinite(fit.values).all():  # of a lost fit only where it began is left
+            columns |= value_columns(fit.keys, fit.values, fit.standard_uncertainty)
+        result = ProcessedFrame(
+            **frame_fields(frame) | {"pixel_mm": model.pixels.pixel_mm}, fit=fit, chi=fit.chi,
+            normalised=signal.astype(np.float32), reading=reading, noise=noise, columns=columns,
+            warnings=(*(apparatus.warnings if apparatus else ()), *notes, *of_largest),
+        )  # fmt: skip
+        return _without_model(result, frame, scene, capture, data, has_slip) if lost else result
 
     def values(self, scene: Scene) -> tuple[str, ...]:
         """What is fitted, and what frames refine."""
@@ -77,40 +99,6 @@ class WithModel(FrameKind):
         values = (name for key in keys for name in (key, f"{key} {SPREAD}"))
         pressure = PRESSURE if scene.is_contact else ()
         return ("kept_share", *LARGEST_BY_MODEL, *pressure, *values, CAUSES)
-
-
-def process_with_model(
-    frame: Frame,
-    scene: Scene,
-    capture: Capture,
-    *,
-    as_stated: bool = False,
-    apparatus: Apparatus | None = None,
-) -> ProcessedFrame:
-    """Fit a one-state scene to a frame, and read the fringe order on the branch it names.
-
-    `apparatus`, what the frame has in common with the others of its video. InputError on a blank
-    frame, PhysicsError where the scene's fringes are not in it.
-    """
-    data = _prepared(frame, scene, capture)
-    if apparatus is not None:
-        data = apparatus.seen(data)
-    data, fit, scene, notes, has_slip = _fitted(
-        data, scene, frame, as_stated, followed=apparatus is not None
-    )
-    data, model = _held(data, fit)
-    reading, noise, lost = read_frame(frame, data, model, chi=fit.chi, positive=fit.positive)
-    inside = data.valid & model.picture.material & (not lost)
-    gain = np.where(model.illumination > 0.0, model.illumination, np.nan)
-    signal = np.where(inside, (data.light - model.background) / gain, np.nan)
-    largest, of_largest = largest_with_model(reading, model, fit.scene, fit)
-    notes += [] if has_slip else _warnings(fit, reading, lost)
-    result = ProcessedFrame(
-        **frame_fields(frame) | {"pixel_mm": model.pixels.pixel_mm},
-        normalised=signal.astype(np.float32), reading=reading, fit=fit, noise=noise, chi=fit.chi,
-        largest=largest, warnings=(*(apparatus.warnings if apparatus else ()), *notes, *of_largest),
-    )  # fmt: skip
-    return _without_model(result, frame, scene, capture, data, has_slip) if lost else result
 
 
 def _prepared(frame: Frame, scene: Scene, capture: Capture) -> FrameData:
@@ -160,12 +148,12 @@ def _without_model(
 
 
 def _fitted(
-    data: FrameData, scene: Scene, frame: Frame, as_stated: bool, *, followed: bool = False
+    data: FrameData, scene: Scene, frame: Frame, *, as_stated: bool
 ) -> tuple[FrameData, FrameFit, Scene, list[str], bool]:
     """The frame as it was fitted, the fit, the scene that it began with, and what to say.
 
     The last is whether a slip in the scene was found: the fit says nothing then. A disc's scene is
-    placed by its rim. Of a video that is `followed`, its other frames say what friction there was.
+    placed by its rim.
     """
     notes: list[str] = []
     if scene.rim_diameter_mm is not None:
@@ -174,7 +162,7 @@ def _fitted(
         if as_stated:
             fit = fit_frame(data, scene)
             return data, fit, scene, [*notes, *_opposite(scene, fit)], False
-        extended = fit_with_causes(data, scene, past=not followed)
+        extended = fit_with_causes(data, scene, past=True)
         fit, has_slip = extended.fit, extended.slip is not None
         notes += [*cause_messages(extended), *(() if has_slip else _opposite(scene, fit))]
         return extended.data, fit, scene, notes, has_slip
