@@ -100,12 +100,12 @@ def test_what_moves_fringes_by_more_than_half_of_one_is_named_alone(kind, seed):
 
 @pytest.mark.long
 def test_a_fact_that_is_in_no_list_is_not_tried_for_ever(monkeypatch):
-    """A picture's ghost: 60 trials bent five causes to it, and the load by 3.2 of its
-    uncertainties; it took 40 s."""
+    """A shutter that rolls over a load which swings: with 45 trials causes are bent to it, and the
+    friction by 3.4 of its uncertainties."""
     tried = []
     trial = FrameSolution.trial
     monkeypatch.setattr(FrameSolution, "trial", lambda *args: tried.append(args) or trial(*args))
-    row = case_contacts.judged("unlisted", 26)
+    row = case_contacts.judged("unlisted", 97)
     # three rounds of them
     assert len(tried) == 27
     assert max(abs(row.load_pull), abs(row.friction_pull)) < 3.0 and row.flagged

@@ -48,9 +48,9 @@ class Hypothesis:
     """One way in which something is there.
 
     `name`, of the thing; ways of one name exclude one another. `columns` (k,), its own among all;
-    `form` (k, r) and `size`, whose product is the `root` L of its prior's covariance L L', a form
-    the same array in ways of other sizes; `log_odds` that it is there; `positive`, whether its one
-    amplitude is positive.
+    `form` (k, r), the same array in ways of another `size`, and this, whose product is the `root` L
+    of its prior's covariance L L'; `log_odds` that it is there; `positive`, whether its one
+    amplitude is.
     """
 
     name: str
@@ -69,8 +69,7 @@ class Hypothesis:
 @dataclass(frozen=True, kw_only=True)
 class Nuisance:
     """Something that may be there: its `columns` (k, n) at an image, their values `now` (k,); the
-    `roots` of its priors, each in all `sizes`, ways that exclude one another; `positive`, whether
-    the first's amplitude is.
+    ways of its prior, all `roots` in all `sizes`; `positive`, whether the first's amplitude is.
 
     `unknowns`, those of the fit that hold it where it is fitted, and `of_each` (k, unknowns), their
     change with it, by default one each; `weights`, 1/u^2 (c,) of its first columns, which the fit's
