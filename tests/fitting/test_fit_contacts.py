@@ -100,7 +100,7 @@ def test_what_moves_fringes_by_more_than_half_of_one_is_named_alone(kind, seed):
 
 @pytest.mark.long
 def test_a_fact_that_is_in_no_list_is_not_tried_for_ever(monkeypatch):
-    """A shutter that rolls over a load which swings: with 45 trials causes are bent to it, and the
+    """A shutter that rolls on a table which shakes: by 45 trials causes are bent to it, and the
     friction by 3.4 of its uncertainties."""
     tried = []
     trial = FrameSolution.trial
