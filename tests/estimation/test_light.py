@@ -117,6 +117,7 @@ def test_uneven_light_is_least_squares_with_its_prior_as_data(ends):
     assert part.known == pytest.approx(np.sum(np.square(known @ best)), rel=1e-3)
     hat = columns @ np.linalg.pinv(every)[:, : problem.size]
     assert part.count == round(np.trace(hat))
+    assert part.chi == pytest.approx(np.sqrt(part.known / (part.count - first.sum())))
     rows = problem.data[None].copy()
     project(rows, problem, part)
     assert rows[0] == pytest.approx(part.residual, abs=1e-3)

@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import combinations_with_replacement
+from math import sqrt
 from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
@@ -79,6 +80,14 @@ class LinearPart:
     def count(self) -> int:
         """Number of coefficients that the data tell: of one that is known before, the less."""
         return round(float(len(self.weights) - self.weights @ np.diag(self.inverse)))
+
+    @property
+    def chi(self) -> float:
+        """How far the coefficients are from what is known of them, over what is expected: of as
+        many as the data tell, beside those that may have any size.
+        """
+        told = self.count - int(np.count_nonzero(self.weights == 0.0))
+        return sqrt(self.known / max(1, told))
 
     @property
     def known(self) -> float:

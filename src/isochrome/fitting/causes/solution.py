@@ -271,7 +271,7 @@ class FrameSolution(Askable):
             values=dict(zip(keys, values.tolist(), strict=True)),
             tractions=parts[0],
             waves=None if parts[1] is None else parts[1].reshape(3, -1),
-            usual_chi=MAD * float(np.median(np.abs(over_blocks))),
+            usual_chi=max(MAD * float(np.median(np.abs(over_blocks))), part.chi),
         )
 
     @cached_property

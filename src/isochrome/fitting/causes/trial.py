@@ -76,7 +76,7 @@ class Trial:
     `light_weight` (k,); `excess`, the variance of what is left over the noise's; `values`
     of the keys, `tractions` (k,) of the modes and `waves` (3, k) of what no cause explains,
     None where it has none; `usual_chi`, what a typical block has left over the noise, be others
-    odd, 0 where it is not kept.
+    odd, or its light over what lamps have, 0 where it is not kept.
     """
 
     cost: float
