@@ -244,9 +244,10 @@ def _moved(freed: Freed[S], search: _Search) -> Freed[S] | Asked:
     here = freed.fitted.names, left, near
     before = here in seen
     seen.add(here)
-    if (fewer := _with_fewer(freed, asked, seen, left)) is not None:
+    best = _of_members(asked, asked.sets.members[0])
+    if (fewer := _with_fewer(freed, best, seen, left)) is not None:
         return fewer
-    asked, plans = _plans(freed, asked, search, before=before)
+    asked, plans = _plans(freed, asked, best, search, before=before)
     for plan in plans:
         again = plan.names == freed.fitted.names
         there = plan.names, left, False
@@ -265,10 +266,9 @@ def _moved(freed: Freed[S], search: _Search) -> Freed[S] | Asked:
     return asked if without is None else without
 
 
-def _with_fewer(freed: Freed[S], asked: Asked, seen: set[_Seen], left: int) -> Freed[S] | None:
+def _with_fewer(freed: Freed[S], best: _Plan, seen: set[_Seen], left: int) -> Freed[S] | None:
     """The fit with the likeliest set where that is a part of it, and explains as much: blocks, by
     which trials go, are too wide to tell what little more there is."""
-    best = _of_members(asked, asked.sets.members[0])
     there = best.names, left, False
     if not freed.moves or there in seen or not best.names < freed.fitted.names:
         return None
@@ -339,16 +339,16 @@ def _is_shadow(odd: Mask, beside: Mask | None) -> bool:
 
 
 def _plans(
-    freed: Freed[S], asked: Asked, search: _Search, *, before: bool
+    freed: Freed[S], asked: Asked, best: _Plan, search: _Search, *, before: bool
 ) -> tuple[Asked, list[_Plan]]:
     """Sets that are likelier than what is fitted, the likeliest first, and what is asked by then.
 
-    `before`, whether what is fitted was held against others once: not again, where it is likeliest.
+    `best`, the likeliest; `before`, whether what is fitted was held against others once: not again,
+    where it is likeliest.
     Where the residual is large its slopes say little, slopes about tractions do not know how these
     would be without another thing, and what has no form follows first slopes farther than causes
     do: then sets are told apart by their trials.
     """
-    best = _of_members(asked, asked.sets.members[0])
     same, near = best.names == freed.fitted.names, freed.now.chi < _LARGE
     unknown = {*best.unknown} - {*freed.fitted.unknown}
     if near and not (freed.tractions or unknown):

@@ -332,11 +332,18 @@ def _lights(solution: Askable, blocks: FrameBlocks) -> tuple[Unevenness, ...]:
 def _light(blocks: FrameBlocks, lights: tuple[Unevenness, ...]) -> Nuisance:
     """The light's products besides the first ones: all where it is fitted so, else some."""
     lamp = blocks.data.lamp
-    fitted, lamp = lamp.uneven is not None, lamp if lamp.uneven else lamp.of(lights[0])
+    fitted = lamp.uneven is not None
+    lamp = lamp if fitted else lamp.of(lights[0])
     more = lamp.weights > 0.0
+
+    def columns(blocks: FrameBlocks) -> Array:
+        if fitted:
+            return np.asarray(blocks.light_rows[more])
+        return np.asarray(blocks.light_columns(*blocks.light_images(lamp))[more])
+
     return Nuisance(
         name=LIGHT,
-        columns=lambda blocks: blocks.light_columns(*blocks.light_images(lamp))[more],
+        columns=columns,
         now=blocks.light_values[more] if fitted else np.zeros(np.count_nonzero(more)),
         roots=tuple(np.diag(replace(lamp, uneven=light).weights[more] ** -0.5) for light in lights),
         weights=lamp.weights[more] if fitted else np.zeros(0),
