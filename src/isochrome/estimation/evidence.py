@@ -342,7 +342,9 @@ class Evidence:
         few = [k for k, place in enumerate(self.places) if len(place) <= _FEW]
         ends = np.cumsum([0, *(len(self.places[k]) for k in few)]).tolist()
         self._few = {k: range(*pair) for k, pair in zip(few, pairwise(ends), strict=True)}
+        self._widest = max(self.hypotheses, key=lambda h: h.form.shape[1]).name
         self._eliminated: dict[tuple[int, ...], tuple[Array, float]] = {}
+        self._less_widest: dict[int, tuple[Array, NDArray[np.intp], float]] = {}
 
     def places_of(self, chosen: Sequence[int]) -> tuple[NDArray[np.intp], Array]:
         """Places (r,) of a set's amplitudes among all `forms`, and the sizes (r,) of these."""
@@ -350,13 +352,35 @@ class Evidence:
         sizes = [np.full(len(self.places[k]), self.hypotheses[k].size) for k in chosen]
         return at, np.concatenate([np.zeros(0), *sizes])
 
-    def _sized(self, chosen: Sequence[int]) -> Array:
-        """1 + L' M L of a set (r + 1, r + 1), with the right side below it."""
+    def _sized(self, chosen: Sequence[int], beside: int | None = None) -> tuple[Array, float]:
+        """1 + L' M L of a set (r + 1, r + 1), with the right side below it, and ln E of what it
+        stands `beside`, which is taken off it.
+        """
         at, size = self.places_of(chosen)
         every, size = np.r_[at, len(self._matrix) - 1], np.r_[size, 1.0]
-        matrix = self._matrix.take(every, 0).take(every, 1) * size * size[:, None]
+        matrix, where, log = self._matrix, np.arange(len(self._matrix)), 0.0
+        if beside is not None:
+            matrix, where, log = self._less(beside)
+        matrix = matrix.take(where[every], 0).take(where[every], 1) * size * size[:, None]
         matrix.flat[:: len(every) + 1] += 1.0
-        return np.asarray(matrix)
+        return np.asarray(matrix), log
+
+    def _less(self, one: int) -> tuple[Array, NDArray[np.intp], float]:
+        """What one way of the widest thing leaves of the matrix of all others, where each place
+        stands there, and its own ln E: most sets differ by the others.
+        """
+        if one not in self._less_widest:
+            of_thing = [k for k, h in enumerate(self.hypotheses) if h.name == self._widest]
+            others = np.ones(len(self._matrix), bool)
+            others[np.concatenate([self.places[k] for k in of_thing])] = False
+            at, size = self.places_of((one,))
+            matrix, log = _eliminated(
+                self._matrix[np.ix_(at, at)] * size * size[:, None] + np.eye(len(at)),
+                self._matrix[at][:, others] * size[:, None],
+                self._matrix[np.ix_(others, others)],
+            )
+            self._less_widest[one] = matrix, np.cumsum(others) - 1, log
+        return self._less_widest[one]
 
     def of(self, chosen: Sequence[int]) -> float:
         """ln E of a set over that of the empty one; -inf where it cannot be."""
@@ -379,7 +403,7 @@ class Evidence:
         """The means (r,) of a set's amplitudes, and the Cholesky factor of their inverse covariance
         (r, r); of a positive one the mean of what is positive of it.
         """
-        factor = np.linalg.cholesky(self._sized(chosen))
+        factor = np.linalg.cholesky(self._sized(chosen)[0])
         half, white = factor[:-1, :-1], factor[-1, :-1]
         mean = solve_triangular(half.T, white, lower=False)
         for j in np.flatnonzero(self._positive(chosen)):
@@ -414,13 +438,24 @@ class Evidence:
         Sets differ by few more often: what is large is eliminated once.
         """
         if large not in self._eliminated:
-            matrix = self._sized((*large, *self._few))
-            count = sum(len(self.places[k]) for k in large)
-            half = np.linalg.cholesky(matrix[:count, :count])
-            white = solve_triangular(half, matrix[:count, count:], lower=True)
-            log = 0.5 * float(white[:, -1] @ white[:, -1]) - float(np.log(np.diag(half)).sum())
-            self._eliminated[large] = matrix[count:, count:] - white.T @ white, log
+            widest = next((k for k in large if self.hypotheses[k].name == self._widest), None)
+            matrix, log = self._sized([k for k in (*large, *self._few) if k != widest], widest)
+            count = sum(len(self.places[k]) for k in large if k != widest)
+            left, more = _eliminated(
+                matrix[:count, :count], matrix[:count, count:], matrix[count:, count:]
+            )
+            self._eliminated[large] = left, log + more
         return self._eliminated[large]
+
+
+def _eliminated(matrix: Array, beside: Array, others: Array) -> tuple[Array, float]:
+    """What amplitudes (n, n) leave of others (m, m), products of both (n, m), the right side the
+    last of these; and their ln E.
+    """
+    half = np.linalg.cholesky(matrix)
+    white = solve_triangular(half, beside, lower=True)
+    log = 0.5 * float(white[:, -1] @ white[:, -1]) - float(np.log(np.diag(half)).sum())
+    return others - white.T @ white, log
 
 
 def weigh(evidence: Evidence, *, given: Sequence[int] = (), without: Collection[str] = ()) -> Sets:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import combinations_with_replacement
 from math import sqrt
 from typing import Any, Generic, Protocol, TypeVar
@@ -31,6 +32,9 @@ MOSTLY = 0.05
 
 _CUTOFF = {4: 1e-6, 8: 1e-12}
 """Eigenvalues below which directions are dropped, over the largest, by the precision in bytes."""
+
+_POWERS = 4
+"""Steps by which the ends of a spectrum are told to some tens of per cent."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +69,8 @@ class LinearPart:
     coefficients: Array  # (k,), the illumination's, then the background's
     signal: Array  # (n,), solved for
     weights: Array  # (k,), 1/u^2 of what is known of the coefficients
-    inverse: Array  # (k, k), of the weighted columns' Gram matrix, and the weights
+    normal: Array  # (k, k), the weighted columns' Gram matrix
+    cutoff: float  # of its eigenvalues over the largest, with the weights: see `scaled_inverse`
     amplitude: Array  # (n,), the weighted illumination
     residual: Array  # (n,), weighted
     cost: float  # the residual's sum of squares
@@ -75,6 +80,11 @@ class LinearPart:
     def positive(self) -> bool:
         """Whether the illumination is positive over (nearly) the whole frame."""
         return self.negative_share <= MOSTLY
+
+    @cached_property
+    def inverse(self) -> Array:
+        """Of the normal equations, the weights in them (k, k): only slopes ask for it."""
+        return scaled_inverse(self.normal + np.diag(self.weights), self.cutoff)
 
     @property
     def count(self) -> int:
@@ -127,9 +137,8 @@ def solve_linear(problem: SeparableProblem, signal: Array) -> LinearPart:
     light, weight = problem.light, problem.weight
     lit = weight * signal
     normal, right = light.equations(lit, weight, problem.data)
-    weights = light.model.weights
-    inverse = scaled_inverse(normal + np.diag(weights), _CUTOFF[weight.dtype.itemsize])
-    coefficients = inverse @ right
+    weights, cutoff = light.model.weights, _CUTOFF[weight.dtype.itemsize]
+    coefficients = scaled_solution(normal + np.diag(weights), right, cutoff)
     amplitude, background = (weight * part for part in light.of(coefficients))
     residual = problem.data - amplitude * signal
     residual -= background
@@ -137,7 +146,8 @@ def solve_linear(problem: SeparableProblem, signal: Array) -> LinearPart:
         coefficients=coefficients,
         signal=signal,
         weights=weights,
-        inverse=inverse,
+        normal=normal,
+        cutoff=cutoff,
         amplitude=amplitude,
         residual=residual,
         cost=float(np.sum(np.square(residual), dtype=float)),
@@ -189,12 +199,54 @@ def scaled_inverse(matrix: Array, cutoff: float = 1e-12) -> Array:
     The unknowns' units may differ by many powers of ten. Directions whose eigenvalue over the
     largest is below the cutoff are dropped.
     """
+    from scipy.linalg.lapack import dpotri
+
+    scale, scaled = _to_unit_diagonal(matrix)
+    factor = _factor(scaled, cutoff)
+    if factor is None:
+        values, vectors = np.linalg.eigh(scaled)
+        good = values > cutoff * values[-1:]
+        half = (scale[:, None] * vectors[:, good]) / np.sqrt(values[good])
+        return np.asarray(half @ half.T)
+    lower = np.tril(dpotri(factor, lower=True)[0])
+    return np.asarray((lower + np.tril(lower, -1).T) * np.outer(scale, scale))
+
+
+def scaled_solution(matrix: Array, right: Array, cutoff: float = 1e-12) -> Array:
+    """What `scaled_inverse` makes of a right side (k,), where it can without the inverse."""
+    from scipy.linalg.lapack import dpotrs
+
+    scale, scaled = _to_unit_diagonal(matrix)
+    factor = _factor(scaled, cutoff)
+    if factor is None:
+        return np.asarray(scaled_inverse(matrix, cutoff) @ right)
+    return np.asarray(scale * dpotrs(factor, scale * right, lower=True)[0])
+
+
+def _to_unit_diagonal(matrix: Array) -> tuple[Array, Array]:
+    """What rows and columns of a matrix are multiplied by (k,), and what becomes of it."""
     diagonal = np.sqrt(np.maximum(np.diag(matrix), 0.0))
     scale = 1.0 / np.where(diagonal > 0, diagonal, 1.0)
-    values, vectors = np.linalg.eigh(matrix * np.outer(scale, scale))
-    good = values > cutoff * values[-1:]
-    half = (scale[:, None] * vectors[:, good]) / np.sqrt(values[good])
-    return np.asarray(half @ half.T)
+    return scale, np.asarray(matrix * np.outer(scale, scale), float)
+
+
+def _factor(matrix: Array, cutoff: float) -> Array | None:
+    """Cholesky's lower factor, None where an eigenvalue over the largest is below the cutoff.
+
+    Both by a few steps of the power method, which come nearer from inside.
+    """
+    from scipy.linalg.lapack import dpotrf, dpotrs
+
+    factor, failed = dpotrf(matrix, lower=True)
+    if failed or not len(matrix):
+        return None
+    ratio, start = 1.0, np.cos(np.arange(len(matrix)))
+    for times in (matrix.__matmul__, lambda v: dpotrs(factor, v, lower=True)[0]):
+        vector = start
+        for _ in range(_POWERS):
+            vector = times(vector / np.linalg.norm(vector))
+        ratio /= np.linalg.norm(vector)
+    return None if ratio < cutoff else np.asarray(factor)
 
 
 CUTOFF = 1e-14

@@ -234,7 +234,7 @@ class PixelLight:
         for p, q in combinations_with_replacement(range(len(parts)), 2):
             (one, terms), (other, others) = parts[p], parts[q]
             sums = table @ self._moments(one * other, twice=True) @ table.T
-            block = sums[_pairs(terms, others, degree)]
+            block = sums[_pairs(terms, others)]
             normal[places[p], places[q]], normal[places[q], places[p]] = block, block.T
         return normal, self._with(parts, image[None])[0]
 
@@ -267,21 +267,24 @@ def _degrees(terms: Terms) -> Degrees:
 
 
 @lru_cache(maxsize=64)
-def _pairs(terms: Terms, others: Terms, degree: int) -> Degrees:
+def _pairs(terms: Terms, others: Terms) -> Degrees:
     """Where the products (k, l) of each two stand in the table of `_products`, down and across."""
-    (i, j), (l, m) = _degrees(terms), _degrees(others)
-    return i[:, None] * (degree + 1) + l, j[:, None] * (degree + 1) + m
+    pairs = []
+    for one, other in zip(_degrees(terms), _degrees(others), strict=True):
+        high, low = np.maximum(one[:, None], other), np.minimum(one[:, None], other)
+        pairs.append(high * (high + 1) // 2 + low)
+    return pairs[0], pairs[1]
 
 
 @lru_cache(maxsize=4)
 def _products(degree: int) -> Array:
-    """c ((n + 1)^2, 2 n + 1) of P_i P_j = sum_l c_ijl P_l up to a degree n, by their integrals with
-    P_l, which Gauss's 2 n + 1 nodes give exactly.
+    """c (k, 2 n + 1) of P_i P_j = sum_l c_ijl P_l, for j <= i up to a degree n, by their integrals
+    with P_l, which Gauss's 2 n + 1 nodes give exactly.
     """
     nodes, weights = np.polynomial.legendre.leggauss(2 * degree + 1)
     every = np.polynomial.legendre.legvander(nodes, 2 * degree)
-    few = every[:, : degree + 1]
-    both = (few[:, :, None] * few[:, None, :]).reshape(len(nodes), -1)
+    high, low = np.tril_indices(degree + 1)
+    both = every[:, high] * every[:, low]
     return np.asarray((both.T * weights) @ every * (np.arange(2 * degree + 1) + 0.5))
 
 

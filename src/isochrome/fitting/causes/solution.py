@@ -265,7 +265,7 @@ class FrameSolution(Askable):
             prior=model.prior.cost(result.values) + part.known,
             weight=model.prior.weight,
             extra=np.array([key in expected.keys for key in keys] + [True] * model.count),
-            light=np.linalg.inv(part.inverse) - np.diag(part.weights),
+            light=part.normal,
             light_weight=part.weights,
             excess=result.gamma_fit.noise * block_correlation(model.pixels.keep, residual),
             values=dict(zip(keys, values.tolist(), strict=True)),
