@@ -31,10 +31,10 @@ MOSTLY = 0.05
 
 
 _CUTOFF = {4: 1e-6, 8: 1e-12}
-"""Eigenvalues below which directions are dropped, over the largest, by the precision in bytes."""
+"""Eigenvalues below which directions are dropped, 1 in the mean, by the precision in bytes."""
 
 _POWERS = 4
-"""Steps by which the ends of a spectrum are told to some tens of per cent."""
+"""Steps by which the least eigenvalue is told to some tens of per cent."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class LinearPart:
     signal: Array  # (n,), solved for
     weights: Array  # (k,), 1/u^2 of what is known of the coefficients
     normal: Array  # (k, k), the weighted columns' Gram matrix
-    cutoff: float  # of its eigenvalues over the largest, with the weights: see `scaled_inverse`
+    cutoff: float  # of its eigenvalues, with the weights: see `scaled_inverse`
     amplitude: Array  # (n,), the weighted illumination
     residual: Array  # (n,), weighted
     cost: float  # the residual's sum of squares
@@ -196,8 +196,8 @@ def linear_costs(light: Array, dark: Array, data: Array, signals: Array) -> tupl
 def scaled_inverse(matrix: Array, cutoff: float = 1e-12) -> Array:
     """Pseudo-inverse of normal equations (k, k), scaled to a unit diagonal first.
 
-    The unknowns' units may differ by many powers of ten. Directions whose eigenvalue over the
-    largest is below the cutoff are dropped.
+    The unknowns' units may differ by many powers of ten. Directions whose eigenvalue, 1 in the
+    mean, is below the cutoff are dropped.
     """
     from scipy.linalg.lapack import dpotri
 
@@ -205,7 +205,7 @@ def scaled_inverse(matrix: Array, cutoff: float = 1e-12) -> Array:
     factor = _factor(scaled, cutoff)
     if factor is None:
         values, vectors = np.linalg.eigh(scaled)
-        good = values > cutoff * values[-1:]
+        good = values > cutoff
         half = (scale[:, None] * vectors[:, good]) / np.sqrt(values[good])
         return np.asarray(half @ half.T)
     lower = np.tril(dpotri(factor, lower=True)[0])
@@ -231,26 +231,22 @@ def _to_unit_diagonal(matrix: Array) -> tuple[Array, Array]:
 
 
 def _factor(matrix: Array, cutoff: float) -> Array | None:
-    """Cholesky's lower factor, None where an eigenvalue over the largest is below the cutoff.
-
-    Both by a few steps of the power method, which come nearer from inside.
+    """Cholesky's lower factor, None where an eigenvalue is below the cutoff: by a few steps of the
+    inverse power method, which comes nearer from above.
     """
     from scipy.linalg.lapack import dpotrf, dpotrs
 
     factor, failed = dpotrf(matrix, lower=True)
     if failed or not len(matrix):
         return None
-    ratio, start = 1.0, np.cos(np.arange(len(matrix)))
-    for times in (matrix.__matmul__, lambda v: dpotrs(factor, v, lower=True)[0]):
-        vector = start
-        for _ in range(_POWERS):
-            vector = times(vector / np.linalg.norm(vector))
-        ratio /= np.linalg.norm(vector)
-    return None if ratio < cutoff else np.asarray(factor)
+    vector = np.cos(np.arange(len(matrix)))
+    for _ in range(_POWERS):
+        vector = dpotrs(factor, vector / np.linalg.norm(vector), lower=True)[0]
+    return None if np.linalg.norm(vector) * cutoff > 1.0 else np.asarray(factor)
 
 
 CUTOFF = 1e-14
-"""Eigenvalue over the largest below which a direction of the normal equations is not moved in."""
+"""Eigenvalue, 1 in the mean, below which a direction of the normal equations is not moved in."""
 
 _EASIEST = 1e-2
 """Part of the damping that is left after a step which does all that it promised."""
@@ -336,7 +332,7 @@ def damped_step(
 ) -> Array:
     """The step of the free unknowns, of normal equations N and g; 0 for the others.
 
-    `cutoff`: eigenvalue over the largest below which no step is taken, see `scaled_inverse`.
+    `cutoff`: eigenvalue below which no step is taken, see `scaled_inverse`.
     """
     step = np.zeros(len(gradient))
     moved = np.flatnonzero(free)
