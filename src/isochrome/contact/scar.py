@@ -23,9 +23,11 @@ crowding; Hairer, Nørsett & Wanner (1993), Solving ODEs I, section III.5.
 """
 
 import math
+from bisect import bisect_left
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
+from threading import Lock
 
 import numpy as np
 from scipy.linalg import lapack
@@ -42,7 +44,7 @@ _POWERS = ((2.0, 5.0), (2.0, 4.0, 6.0), (2.0, 4.0, 5.0, 6.0))
 has moved, and as φ⁴ to φ⁶ after."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Mesh:
     """Matrices of a mesh of n intervals on -1..1, for values at its n-1 inner nodes.
 
@@ -321,23 +323,55 @@ def scar_history(
     equations = ScarEquations(mesh, units, history)
     unit = units.dose_mm_per_mpa
     jump = history.next_jump(0.0) / unit
-    points = [equations.unworn()]
     allowed = _SHARE * tolerance * (1e3 * tolerance) ** _SHARPER
     allowed = min(max(allowed, _FINEST_ERROR), _LOOSEST)
-    walk = _walk(equations, points, min(jump, stops[-1].dose_mm_per_mpa / unit), allowed, held)
+    if history.steady:
+        walk = _steady_walk(mesh, units.beta * float(history.friction[0]), allowed, held)
+    else:
+        walk = Walk(equations, min(jump, stops[-1].dose_mm_per_mpa / unit), allowed, held)
     for stop in stops:
         target = stop.dose_mm_per_mpa / unit
         if target > jump * (1.0 + SAME):
             return
-        for _ in range(_MAX_STEPS):
-            if points[0].dose >= target * (1.0 - SAME):
-                break
-            points = next(walk, [])
-            if not points:
-                return
-        else:
-            raise PhysicsError("wear_steps_did_not", distance_m=stop.distance_m)
+        points = walk.to(target, stop.distance_m)
+        if not points:
+            return
         yield _scar(equations, stop, _at(points, target))
+
+
+class Walk:
+    """The last points after each step of `_walk`, made as far as they are asked for."""
+
+    def __init__(self, equations: ScarEquations, end: float, allowed: float, held: bool) -> None:
+        first = [equations.unworn()]
+        self._made, self._lock = [first], Lock()
+        self._steps = _walk(equations, first, end, allowed, held)
+
+    def to(self, dose: float, distance_m: float) -> list[MeshPoint]:
+        """The points whose last is the first not before a dose; none where they end before it.
+
+        PhysicsError names the distance of a dose that so many steps do not reach.
+        """
+        least = dose * (1.0 - SAME)
+        with self._lock:
+            while self._made[-1][0].dose < least:
+                points = next(self._steps, [])
+                if not points:
+                    return []
+                if len(self._made) > _MAX_STEPS:
+                    raise PhysicsError("wear_steps_did_not", distance_m=distance_m)
+                self._made.append(points)
+            return self._made[bisect_left(self._made, least, key=lambda some: some[0].dose)]
+
+
+@lru_cache(maxsize=16)
+def _steady_walk(mesh: Mesh, pull: float, allowed: float, held: bool) -> Walk:
+    """The walk of all contacts under one load and one friction: in their units they differ by
+    `pull` = mu beta alone.
+    """
+    units = Units(line_load_n_per_mm=1.0, length_mm=1.0, pressure_mpa=1.0, depth_mm=1.0, beta=1.0)
+    course = SlidingHistory(np.arange(2.0), np.arange(2.0), np.ones(2), np.full(2, pull))
+    return Walk(ScarEquations(mesh, units, course), math.inf, allowed, held)
 
 
 def load_rises(history: SlidingHistory) -> bool:
