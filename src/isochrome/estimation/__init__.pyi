@@ -72,6 +72,7 @@ from .light import (
 from .observation import LEVEL_PX, FrameData, Observation, observe, prepare_frame
 from .priors import (
     ALIKE_CHI,
+    GOOD_CHI,
     HALF,
     NOISE,
     POOR_CHI,
@@ -94,6 +95,7 @@ __all__ = [
     "CUTOFF",
     "FEW_TERMS",
     "FIRST_DEGREES",
+    "GOOD_CHI",
     "HALF",
     "LEVEL_PX",
     "LIGHT_FALLS",

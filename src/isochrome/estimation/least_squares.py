@@ -33,9 +33,6 @@ MOSTLY = 0.05
 _CUTOFF = {4: 1e-6, 8: 1e-12}
 """Eigenvalues below which directions are dropped, 1 in the mean, by the precision in bytes."""
 
-_POWERS = 4
-"""Steps by which the least eigenvalue is told to some tens of per cent."""
-
 
 @dataclass(frozen=True)
 class SeparableProblem:
@@ -231,18 +228,14 @@ def _to_unit_diagonal(matrix: Array) -> tuple[Array, Array]:
 
 
 def _factor(matrix: Array, cutoff: float) -> Array | None:
-    """Cholesky's lower factor, None where an eigenvalue is below the cutoff: by a few steps of the
-    inverse power method, which comes nearer from above.
+    """Cholesky's lower factor, None where a square of its diagonal, and so an eigenvalue, is below
+    the cutoff.
     """
-    from scipy.linalg.lapack import dpotrf, dpotrs
+    from scipy.linalg.lapack import dpotrf
 
     factor, failed = dpotrf(matrix, lower=True)
-    if failed or not len(matrix):
-        return None
-    vector = np.cos(np.arange(len(matrix)))
-    for _ in range(_POWERS):
-        vector = dpotrs(factor, vector / np.linalg.norm(vector), lower=True)[0]
-    return None if np.linalg.norm(vector) * cutoff > 1.0 else np.asarray(factor)
+    small = failed or np.diag(factor).min(initial=1.0) ** 2 < cutoff
+    return None if small else np.asarray(factor)
 
 
 CUTOFF = 1e-14

@@ -23,6 +23,10 @@ The noise is estimated from the frame itself, to some 3 to 11 % of its standard 
 (`isochrome.frames.linear`), and chi of a right model is off from 1 by as much. Three times that is
 no accident of the estimate."""
 
+GOOD_CHI = 1.03
+"""Residual over noise up to which a model describes a frame: the noise is known to 1 or 2 %, and
+slopes about what leaves no more tell what may be there besides."""
+
 ALIKE_CHI = 1.05
 """Ratio of two minima's chi below which an image does not decide between them: a fraction of what
 the noise's own estimate is off by, and what a small misfit of either model makes."""

@@ -14,7 +14,16 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 
 from isochrome.errors import PhysicsError
-from isochrome.estimation import HALF, POOR_CHI, RICHEST, FrameData, Hypothesis, Unevenness, weigh
+from isochrome.estimation import (
+    GOOD_CHI,
+    HALF,
+    POOR_CHI,
+    RICHEST,
+    FrameData,
+    Hypothesis,
+    Unevenness,
+    weigh,
+)
 from isochrome.fitting.arrays import Array, Mask
 from isochrome.fitting.causes.blocks import COSINES
 from isochrome.fitting.causes.cause import OF_PRESSURE, SMOOTH, Cause
@@ -47,9 +56,6 @@ ADDED = "load.added_tractions"
 _Seen = tuple[frozenset[str], int, bool]
 """A set by its names, how much is left out, and whether it was held against others near the end."""
 
-_ROUNDS = 16
-_LARGE = 1.03
-"""Residual over noise from which sets are told apart by their own fits."""
 _LIKELY, _PLAIN, _TRIED, _MOST_TRIALS = 3, 2, 9, 27
 """The likeliest sets, those of causes alone, and all that are tried of these and what is beside
 them; trials of all rounds: what as many do not explain is in no list, and what is bent to it takes
@@ -208,7 +214,7 @@ def free_causes(solution: S) -> Freed[S]:
         return freed
     freed, search = freed.weighed(), _Search()
     beside = freed.fitted.names  # the set beside which blocks were left out
-    for _ in range(_ROUNDS):
+    for _ in range(_MOST_TRIALS):
         moved = _moved(freed, search)
         if isinstance(moved, Asked):
             freed = replace(freed, asked=moved)
@@ -232,7 +238,7 @@ def _moved(freed: Freed[S], search: _Search) -> Freed[S] | Asked:
     """
     asked, seen = freed.asked, search.seen
     assert asked is not None
-    near = freed.now.chi < _LARGE
+    near = freed.now.chi < GOOD_CHI
     nearer = _nearer(freed, asked) if near else None
     if nearer is not None:
         return nearer
@@ -349,7 +355,7 @@ def _plans(
     would be without another thing, and what has no form follows first slopes farther than causes
     do: then sets are told apart by their trials.
     """
-    same, near = best.names == freed.fitted.names, freed.now.chi < _LARGE
+    same, near = best.names == freed.fitted.names, freed.now.chi < GOOD_CHI
     unknown = {*best.unknown} - {*freed.fitted.unknown}
     if near and not (freed.tractions or unknown):
         return asked, [] if same or best.suspects else [best]
@@ -442,7 +448,7 @@ def _tried(
     known, plans = _expected(freed, asked), [plan for plan, _ in tried]
     for plan in sets:
         plain = [p for p in plans if p.root is None]
-        explained = freed.now.chi >= _LARGE and any(p.excess < FAR for p in plain)
+        explained = freed.now.chi >= GOOD_CHI and any(p.excess < FAR for p in plain)
         seen = any(plan.every == p.every for p in plans)
         spent = min(_TRIED - len(plans), search.trials) <= 0
         if seen or spent or (explained and plan.root is not None):
@@ -565,7 +571,7 @@ def _change(freed: Freed[S], plan: _Plan) -> Change:
     if asked.modes is not None:
         held[ADDED] = None if plan.values is None else asked.modes.added(plan.values)
     rest = plan.trial.values if plan.trial else {}
-    if plan.trial is None and now.chi < _LARGE and len({*now.unknown_keys}) == len(now.values):
+    if plan.trial is None and now.chi < GOOD_CHI and len({*now.unknown_keys}) == len(now.values):
         move = asked.along @ (asked.evidence.values(plan.members) - asked.now)
         rest = dict(zip(now.unknown_keys, (now.values + move).tolist(), strict=True))
     begun = {key: rest[key] for key in now.keys if key in rest and key not in held}

@@ -15,7 +15,7 @@ import numpy as np
 
 from isochrome.errors import InputError, PhysicsError
 from isochrome.estimation import FrameData, is_explained
-from isochrome.fitting.frame.frame_fit import Fitted, placed
+from isochrome.fitting.frame.frame_fit import PHOTOGRAPHS, Fitted, placed
 from isochrome.fitting.frame.unknowns import BLUR, GAMMA, LEFT, LENS, TOP, free_keys
 from isochrome.fitting.result import TOO_FAR
 from isochrome.fitting.search.cold_start import Settled, search_frame, settle_frame
@@ -29,11 +29,8 @@ _LEFT = 1.0 / 16.0
 """Part of what chi² is too large by that a slip may leave, for its small causes."""
 _ALIKE = 0.8
 """Ratio of chi below which a later trial is the better one: mirrored pictures often look alike."""
-_ACROSS = (-0.15, 0.15, -0.3, 0.3, -0.45, 0.45)
-_DOWN = (-0.25, 0.25)
-"""Places of the contact that are tried, in widths and heights of the picture."""
-_MIRRORED = (0, "horizontal"), (0, "vertical")
-_GAMMAS = 0.45, 2.2
+_ACROSS, _DOWN = 0.15, 0.25
+"""Steps of the contact's places that are tried, in widths and heights of the picture."""
 
 
 @dataclass(frozen=True)
@@ -122,10 +119,10 @@ def _slips(data: FrameData, scene: Scene) -> Iterator[_Candidate]:
     yield from _turns(data, scene, ((180, None),))
     yield from _units(data, scene, stiff=True)
     yield from _places(data, scene)
-    yield from _turns(data, scene, _MIRRORED)
+    yield from _turns(data, scene, ((0, "horizontal"), (0, "vertical")))
     yield from _turns(data, scene, tuple(product((90, 270), (None, "horizontal"))))
     if data.lamp.bright is None:
-        for gamma in _GAMMAS:
+        for gamma in (round(1.0 / PHOTOGRAPHS, 2), PHOTOGRAPHS):
             if gamma != data.gamma:
                 line = f"{GAMMA} = {gamma}"
                 gamma_fit = scene.with_values({GAMMA: gamma})
@@ -211,17 +208,20 @@ def _places(data: FrameData, scene: Scene) -> Iterator[_Candidate]:
     assert camera is not None and camera.pixel_mm is not None
     assert camera.left_mm is not None and camera.top_mm is not None
     height, width = (n * camera.pixel_mm for n in data.shape)
-    shifts = [(0.0, 0.0), *((x, 0.0) for x in _ACROSS), *((0.0, z) for z in _DOWN)]
-    for across, down in shifts:
-        place = {LEFT: camera.left_mm + across * width, TOP: camera.top_mm + down * height}
+    steps = ((0, 0), (-1, 0), (1, 0), (-2, 0), (2, 0), (-3, 0), (3, 0), (0, -1), (0, 1))
+    for across, down in np.array(steps) * (_ACROSS, _DOWN):
+        place = {
+            LEFT: camera.left_mm + float(across * width),
+            TOP: camera.top_mm + float(down * height),
+        }
         yield _Candidate(message("contact_elsewhere_picture"), "", data, scene.with_values(place))
 
 
 def _is_there(end: Scene, scene: Scene, shape: tuple[int, int]) -> bool:
     """Whether a contact lies where its scene says, nearer than halfway to the next place tried."""
     height, width = (n * scene.get("camera.pixel_mm") for n in shape)
-    across = abs(end.get(LEFT) - scene.get(LEFT)) < 0.5 * min(map(abs, _ACROSS)) * width
-    down = abs(end.get(TOP) - scene.get(TOP)) < 0.5 * min(map(abs, _DOWN)) * height
+    across = abs(end.get(LEFT) - scene.get(LEFT)) < 0.5 * _ACROSS * width
+    down = abs(end.get(TOP) - scene.get(TOP)) < 0.5 * _DOWN * height
     return bool(across and down)
 
 

@@ -98,8 +98,8 @@ _CHANCE = 100.0
 """Wald's statistic of an illumination that noise alone does not reach: it leaves up to 21 where
 values are searched for (18 frames), and fringes of a single grey level in 20 000 pixels 384."""
 
-_GAMMAS = (1.0, 2.2)
-"""Where an unknown exponent starts: a sensor's own, and most photographs'."""
+PHOTOGRAPHS = 2.2
+"""Exponent of most photographs; a sensor's own is 1."""
 
 
 def fit_frame(
@@ -181,7 +181,7 @@ def _fit_toned(
     if GAMMA not in keys:
         return _fit_begun(data, scene, keys, start, stated)
     best: Fitted | None = None
-    gammas = list(_GAMMAS if isinstance(known, str) else (known, *_GAMMAS))
+    gammas = [1.0, PHOTOGRAPHS] if isinstance(known, str) else [known, 1.0, PHOTOGRAPHS]
     if start is _Start.RESTED:  # at the first
         del gammas[1:]
     for gamma in dict.fromkeys(gammas):

@@ -210,7 +210,7 @@ _ABOUT_PX = 15
 _SMOOTH_PX, _DIMMEST = 5.0, 0.05
 """What is smoothed off an illumination whose slope is wanted; the least of it, over its most."""
 
-_NEAR = 0.02
+NEAR = 0.02
 """Last step in standard uncertainties."""
 
 _CUTOFF = 1e-12
@@ -528,7 +528,7 @@ def refine_fit(
     start: Array,
     *,
     gamma_fit: GammaFit | None = None,
-    tolerance: float = _NEAR,
+    tolerance: float = NEAR,
     iterations: int = 25,
 ) -> RefinedFit | None:
     """Damped steps with derivatives that are kept as long as they serve: each costs a residual.

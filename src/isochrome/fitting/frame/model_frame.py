@@ -15,10 +15,6 @@ from isochrome.scene import Scene
 from isochrome.simulation import Picture, make_picture, scene_states, state_difference
 from isochrome.stress import PixelGrid, pixel_grid
 
-_ENOUGH = 30_000
-"""Pixels that tell the light: it then errs by 0.015 of one pixel's noise, a tenth of what is left
-of that in an order pooled over its neighbourhood."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class ModelFrame:
@@ -40,7 +36,7 @@ class ModelFrame:
     def contrast_noise(self, sigma: Array) -> float:
         """Noise `sigma` over the fringes' amplitude, by the median pixel; NaN: nothing is lit."""
         # both are smooth: of every few rows and columns the median is the same
-        every = thinning(self.mask.size, _ENOUGH)
+        every = thinning(self.mask.size)
         sigma, light, lit = (
             part[::every, ::every] for part in (sigma, self.illumination, self.mask)
         )
@@ -94,7 +90,7 @@ def fitted_light(
     By every few of a large frame's pixels, which know a handful of coefficients well enough. Chi is
     inf for a negative illumination. InputError where no pixel is trusted.
     """
-    stride = thinning(int(np.count_nonzero(mask)), _ENOUGH)
+    stride = thinning(int(np.count_nonzero(mask)))
     full_frame, data = data, data.every(stride)
     mask = mask[::stride, ::stride]
     count = int(np.count_nonzero(mask))

@@ -33,6 +33,7 @@ from isochrome.fitting.causes.solution import Askable, Change, whole_picture
 from isochrome.fitting.causes.trial import Expected, Trial, through_a_lens
 from isochrome.fitting.frame.far_model import TOLERANCE
 from isochrome.fitting.frame.frame_fit import FrameFit, hidden_px, placed, turned_over
+from isochrome.fitting.frame.frame_model import NEAR
 from isochrome.fitting.frame.renderer import SceneRenderer
 from isochrome.fitting.frame.single_state import with_numerics
 from isochrome.fitting.frame.unknowns import (
@@ -230,17 +231,13 @@ def added_unknowns(sequence: Sequence, keys: tuple[str, ...]) -> tuple[Unknown, 
     return tuple(added)
 
 
-_COARSE_PIXELS = 30_000
 _ITERATIONS = 20
 _EDGE_PX = 2.0
 """Depth above which no pixel is fitted. The contrast that a pixel's area leaves is told from its
 neighbours; above 1.5 pixels one of them leaves the material as the place moves, and chi jumps."""
-_LOOSE, _TIGHT = 0.3, 0.03
-"""Last predicted step, in standard uncertainties, of the thinned frames and of the whole ones."""
-_UNSOUND = 1e-6
-"""Share of a misfit beyond the noise that the approximate derivatives do not resolve."""
 _ALIKE = 1e-6
-"""Relative difference of two costs that is none: they are sums in single precision."""
+"""Relative difference of two costs that is none, they are sums in single precision; and share of a
+misfit beyond the noise that approximate derivatives do not resolve."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -319,7 +316,7 @@ class JointProblem:
         names = [u.key if u.shared or u.key != WEAR else "" for u in sequence.unknowns]
         self.prior = self.stated.prior(tuple(names))
         self.held = self.stated.some(tuple(u.key for u in sequence.unknowns), free=False)
-        self.coarse_stride = thinning(shape[0] * shape[1], _COARSE_PIXELS)
+        self.coarse_stride = thinning(shape[0] * shape[1])
         self.first = self._scenes(self.sequence, start)
         self._clear: list[Array] = []
         ends = [
@@ -335,9 +332,9 @@ class JointProblem:
 
         PhysicsError where the start cannot be solved or a key changes nothing.
         """
-        values, _, _ = self.solve(start, self.coarse_stride, _LOOSE)
+        values, _, _ = self.solve(start, self.coarse_stride, TOLERANCE)
         self.keep_clear(values)
-        values, normal, converged = self.solve(values, 1, _TIGHT)
+        values, normal, converged = self.solve(values, 1, NEAR)
         return self.result(values, normal, converged)
 
     def solve(
@@ -357,7 +354,7 @@ class JointProblem:
         def enough(here: NormalEquations) -> float:
             # a gain of `tolerance` in standard uncertainties, and what derivatives do not resolve
             beyond = max(0.0, here.cost - here.freedom)
-            return tolerance**2 * max(1.0, here.cost / here.freedom) + _UNSOUND * beyond
+            return tolerance**2 * max(1.0, here.cost / here.freedom) + _ALIKE * beyond
 
         sums = minimise(
             at, values, normal, damping=Damping(1e-6, least=1e-4), iterations=_ITERATIONS,
