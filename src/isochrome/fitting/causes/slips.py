@@ -209,11 +209,8 @@ def _places(data: FrameData, scene: Scene) -> Iterator[_Candidate]:
     assert camera.left_mm is not None and camera.top_mm is not None
     height, width = (n * camera.pixel_mm for n in data.shape)
     steps = ((0, 0), (-1, 0), (1, 0), (-2, 0), (2, 0), (-3, 0), (3, 0), (0, -1), (0, 1))
-    for across, down in np.array(steps) * (_ACROSS, _DOWN):
-        place = {
-            LEFT: camera.left_mm + float(across * width),
-            TOP: camera.top_mm + float(down * height),
-        }
+    for across, down in (np.array(steps) * (_ACROSS * width, _DOWN * height)).tolist():
+        place = {LEFT: camera.left_mm + across, TOP: camera.top_mm + down}
         yield _Candidate(message("contact_elsewhere_picture"), "", data, scene.with_values(place))
 
 
