@@ -92,6 +92,14 @@ def peaks(scars):
     return np.array(rows).reshape(-1, 3)
 
 
+def test_what_is_worn_under_one_load_and_friction_is_one_walk_in_its_own_units():
+    """A course whose friction moves by a billionth is walked for itself alone: the same to the
+    tolerance of both."""
+    for dose in (0.3, 8.0):
+        own = peaks(run(dose, 1e-5, mu_beta_first=0.04 * (1.0 + 1e-9)))
+        assert peaks(run(dose, 1e-5)) == pytest.approx(own, rel=2e-5)
+
+
 def edges_advance(*, mu_beta, mu_beta_first, load_ratio):
     """Whether load and friction move both edges outwards where nothing wears, by the closed form.
     Wear flattens the pressure and so moves both outwards besides."""

@@ -141,3 +141,19 @@ def test_the_inverse_of_no_unknowns_is_empty():
     from isochrome.estimation import scaled_inverse
 
     assert scaled_inverse(np.zeros((0, 0))).shape == (0, 0)
+
+
+@pytest.mark.parametrize("told", [True, False])
+def test_the_inverse_of_what_the_data_do_not_tell_apart_is_a_pseudo_inverse(told):
+    """By Cholesky's factor, or by the eigenvalues; units differ by twelve powers of ten."""
+    from isochrome.estimation import scaled_inverse
+
+    columns = np.random.default_rng(5).normal(size=(30, 6))
+    if not told:
+        columns[:, 5] = columns[:, 4]
+    columns *= 10.0 ** np.linspace(-6.0, 6.0, 6)
+    normal = columns.T @ columns
+    size = np.outer(np.sqrt(np.diag(normal)), np.sqrt(np.diag(normal)))
+    want = np.linalg.pinv(normal / size, 1e-12, hermitian=True)
+    # rounding of a 6 x 6 system
+    np.testing.assert_allclose(scaled_inverse(normal) * size, want, atol=1e-10)
