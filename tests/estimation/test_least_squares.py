@@ -150,7 +150,7 @@ def test_the_inverse_of_what_the_data_do_not_tell_apart_is_a_pseudo_inverse(told
 
     columns = np.random.default_rng(5).normal(size=(30, 6))
     if not told:
-        columns[:, 5] = columns[:, 4]
+        columns[:, 5] = columns[:, 4] + 1e-7 * columns[:, 5]
     columns *= 10.0 ** np.linspace(-6.0, 6.0, 6)
     normal = columns.T @ columns
     size = np.outer(np.sqrt(np.diag(normal)), np.sqrt(np.diag(normal)))
