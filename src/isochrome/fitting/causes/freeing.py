@@ -357,7 +357,7 @@ def _plans(
     """
     same, near = best.names == freed.fitted.names, freed.now.chi < GOOD_CHI
     unknown = {*best.unknown} - {*freed.fitted.unknown}
-    if near and not (freed.tractions or unknown):
+    if near and not (freed.moves or unknown):
         return asked, [] if same or best.suspects else [best]
     own = _of_members(asked, _best_ways(asked, freed.fitted.names))
     if same and before:
@@ -365,8 +365,9 @@ def _plans(
     elif near:
         less = [plan for plan in _with_less(asked, own) if plan.root is not None]
         less.sort(key=lambda plan: -asked.evidence.of(plan.members))
-        sets = [best, own, *less[:1], *(_named(asked) if unknown else [])]
-        tried = _tried(freed, asked, search, sets) if less or not same else []
+        fewer = [*less[:1], *_without_form(asked, own)]
+        sets = [best, own, *fewer, *(_named(asked) if unknown else [])]
+        tried = _tried(freed, asked, search, sets) if fewer or not same else []
     else:
         tried = _tried_from_afar(freed, asked, search, own)
     logs = {plan.members: log for plan, log in tried}
@@ -413,6 +414,15 @@ def _named(asked: Asked) -> list[_Plan]:
     """
     plain = weigh(asked.evidence, without=(TRACTIONS, *WAVES)).members[:_PLAIN]
     return [_of_members(asked, members) for members in plain]
+
+
+def _without_form(asked: Asked, own: _Plan) -> list[_Plan]:
+    """A set's causes alone, where there are some besides what can take any form: that may have
+    made up for one that was missing.
+    """
+    names = asked.evidence.hypotheses
+    members = tuple(k for k in own.members if names[k].name not in (TRACTIONS, *WAVES))
+    return [_of_members(asked, members)] if 0 < len(members) < len(own.members) else []
 
 
 def _any_pressure(asked: Asked, first: _Plan) -> list[_Plan]:
