@@ -359,7 +359,7 @@ def _plans(
     unknown = {*best.unknown} - {*freed.fitted.unknown}
     if near and not (freed.moves or unknown):
         return asked, [] if same or best.suspects else [best]
-    own = _of_members(asked, _best_ways(asked, freed.fitted.names))
+    own = best if same else _of_members(asked, _best_ways(asked, freed.fitted.names))
     if same and before:
         tried = [] if near or not freed.tractions else _tried(freed, asked, search, [own])
     elif near:
