@@ -102,7 +102,11 @@ class GammaFit:
     @property
     def noise(self) -> float:
         """The residuals' variance over that of the noise, 1 at least."""
-        return max(1.0, self.cost / max(1, self.residual.size - self.part.count))
+        return self.noise_of(self.part.count)
+
+    def noise_of(self, count: int) -> float:
+        """The same where the light's coefficients are known to be so many."""
+        return max(1.0, self.cost / max(1, self.residual.size - count))
 
 
 def trusted_pixels(data: FrameData, region: Mask) -> Pixels:
@@ -545,7 +549,8 @@ def refine_fit(
     for _ in range(iterations):
         pull = (local.rows @ gamma_fit.residual).astype(float) + model.prior.gradient(values)
         step = model.step(local, values, pull, damping.value)
-        size = local.size(step) / sqrt(gamma_fit.noise)
+        # of all solutions only those that slopes are made of have counted what the data tell
+        size = local.size(step) / sqrt(gamma_fit.noise_of(local.gamma_fit.part.count))
         if size < tolerance:
             return RefinedFit(values + step, local, gamma_fit)
         if size > _FROZEN * last and not np.array_equal(local.values, values):
