@@ -6,12 +6,9 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from benchmarks.outside_camera import Defects, _band, _sampled
 from fitting.engine_frames import prepared
 from fitting.sliding_bench import bench
 from isochrome.fitting.causes.trial import Trial
-from isochrome.fitting.frame.renderer import SceneRenderer
-from isochrome.stress import pixel_grid
 
 
 def trial_of(columns, residual, weight, extra):
@@ -59,21 +56,3 @@ def test_means_over_blocks_are_those_of_whole_blocks():
     whole = np.ones((7, 9), dtype=bool)
     whole[0], whole[:, 0], whole[3, 4] = False, False, False
     assert (blocks.valid == whole).all()
-
-
-def test_a_block_that_the_surface_cuts_has_the_specimens_share_of_the_light():
-    """In a rolled picture, against the means of another camera's samples, aside of the contact."""
-    rolled, side, shape = Defects(roll_deg=8.0), 9, (81, 162)
-    scene = bench(*shape)
-    signal = _band(*_sampled(scene, rolled, -1), rolled)
-    pixel = len(signal) // shape[0]
-    # blocks are about pixels 0, 9, ..: the first are not whole
-    first = pixel * (side - side // 2)
-    whole = signal[first : first + 8 * side * pixel, first : first + 17 * side * pixel]
-    want = whole.reshape(8, side * pixel, 17, -1).mean(axis=(1, 3))
-    seen = scene.with_values({"camera.roll_deg": 8.0})
-    got = SceneRenderer(seen, shape, stride=side, side=side).signal(seen)[1:, 1:]
-    aside = np.abs(pixel_grid(scene).x_mm[side::side]) > 1.2  # a block is a whole fringe nearer
-    error = np.abs(got - want)[:, aside]
-    # the order of a block that is cut is that of its middle, which may lie above the surface
-    assert error.max() < 0.2

@@ -45,7 +45,7 @@ from isochrome.fitting.causes.slips import Slip, explaining_slip, is_lost
 from isochrome.fitting.causes.solution import Askable, Change, FrameSolution
 from isochrome.fitting.causes.trial import Expected, Trial
 from isochrome.fitting.frame.far_model import FAR
-from isochrome.fitting.frame.frame_fit import fit_with_model, hidden_px
+from isochrome.fitting.frame.frame_fit import fit_with_model
 from isochrome.fitting.frame.unknowns import StatedInputs
 from isochrome.scene import Scene
 
@@ -562,7 +562,7 @@ def _expected(freed: Freed[S], asked: Asked) -> Expected:
         for cause in asked.causes
         for key, start, size in zip(cause.keys, cause.starts, sizes_of(cause, stated), strict=True)
     }
-    return Expected(keys=keys, hidden_px=hidden_px(stated))
+    return Expected(keys=keys)
 
 
 def _change(freed: Freed[S], plan: _Plan) -> Change:

@@ -236,13 +236,12 @@ class FrameSolution(Askable):
         data, side = data.with_noise(self._block_noise), block_side(data.shape)
         prior = expected.prior(keys, self.fitted.stated.prior(keys))
         try:
-            region = fit_region(through_a_lens(scene), data.shape, 1, expected.hidden_px)
             here, around = (
                 with_numerics(one, nodes_per_pixel=1, tolerance=1e-3)
                 for one in (scene, self.fit.scene)
             )
             model = TrialModel(
-                replace(data, valid=data.valid & region), here, around, keys,
+                replace(data, valid=data.valid & self._below), here, around, keys,
                 side=side, prior=prior, expected=expected,
             )  # fmt: skip
             start = np.pad(values_of(scene, keys), (0, model.count))
@@ -273,6 +272,13 @@ class FrameSolution(Askable):
             waves=None if parts[1] is None else parts[1].reshape(3, -1),
             usual_chi=max(MAD * float(np.median(np.abs(over_blocks))), part.chi),
         )
+
+    @cached_property
+    def _below(self) -> Mask:
+        """Pixels of all trials: blocks that the surface may cut show where it lies, and others'
+        slopes made up for what these were off by."""
+        scene, shape = through_a_lens(self.fit.scene), self.data.shape
+        return fit_region(scene, shape, 1, hidden_px(scene) + block_side(shape))
 
     @cached_property
     def _block_noise(self) -> float:

@@ -48,12 +48,10 @@ class Expected:
     """What is known beforehand of what a trial fits besides the unknowns.
 
     `keys` to a middle and a standard deviation; `root` L (k, r) of the covariance of the tractions
-    of `modes`; `order` L (3k, r) of that of what no cause explains; `hidden_px`, the depth above
-    which none is fitted: all are compared over the same pixels.
+    of `modes`; `order` L (3k, r) of that of what no cause explains.
     """
 
     keys: dict[str, tuple[float, float]]
-    hidden_px: float
     modes: TractionModes | None = None
     root: Array | None = None
     order: Array | None = None

@@ -225,11 +225,6 @@ class SceneRenderer:
             field = np.nan_to_num(field)
         field = self.whole(scene, field)
         signal = scene_optics(scene).signal(field, visibility=visibility)
-        if self._side > 1 and scene.is_contact:
-            # the specimen's share of a block; nothing else has light
-            pixels = self._pixels(scene)
-            depth = pixels.places[1] * (self.stride / (self._side * pixels.pixel_mm))
-            signal = signal * np.clip(depth + 0.5, 0.0, 1.0).astype(np.float32)
         camera = scene.camera
         assert camera is not None
         if camera.blur_px > 0.0 and self.stride == 1:
