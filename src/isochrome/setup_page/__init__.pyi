@@ -1,4 +1,15 @@
-from .edits import apply_tool, find_in_frames, page_words, session_state, without_model
+from .edits import (
+    apply_tool,
+    find_in_frames,
+    on_line,
+    page_words,
+    pixel_scale,
+    placed_at,
+    seen_at,
+    session_state,
+    surface_roll,
+    without_model,
+)
 from .server import (
     MOST_BYTES,
     ClickPreview,
@@ -8,16 +19,7 @@ from .server import (
     order_map_of_points,
     setup,
 )
-from .session import (
-    LiveModel,
-    SetupSession,
-    calibration_answer,
-    on_line,
-    pixel_scale,
-    placed_at,
-    seen_at,
-    surface_roll,
-)
+from .session import LiveModel, SetupSession, calibration_answer
 
 __all__ = [
     "MOST_BYTES",

@@ -1,9 +1,8 @@
 """`setup`: a local page on which a scene is set up on its frames, and its server.
 
-The loopback address alone, a secret in every address, nothing else served.
-
-Other pages of the same browser can send requests here too. They do not know the token, the browser
-names them as the Origin, and an address of theirs that they let point here shows in Host.
+The loopback address alone, a secret in every address, nothing else served. Other pages of the same
+browser can send requests here too: they do not know the token, the browser names them as the
+Origin, and an address of theirs that they let point here shows in Host.
 """
 
 from __future__ import annotations
@@ -14,8 +13,8 @@ import json
 import secrets
 import threading
 import time
-from collections.abc import Callable, Collection, Mapping, Sequence
-from contextlib import nullcontext, suppress
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import asdict
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -34,7 +33,6 @@ from isochrome.output import plain, with_uncertainty
 from isochrome.processing import (
     AnchorPreview,
     FrameResult,
-    FrameValue,
     PatchOrders,
     anchor_preview,
     check,
@@ -81,7 +79,13 @@ def fit_answer(session: SetupSession, index: int) -> dict[str, Any]:
             "so_there_nothing_fit", name=scene.name, no_model_reason=scene.no_model_reason
         )
     result = process_frame(session.frames, scene, index)
-    rows = [_value_row(one) for one in result.values]
+    rows: list[dict[str, Any]] = []
+    for one in result.values:
+        value = round_by_spread(one.value, one.standard_uncertainty)
+        text = with_uncertainty(one.value, one.standard_uncertainty)
+        line = f"{one.key.partition('.')[2]} = {toml_text(value)}"
+        row = {"key": one.key, "value": value, "text": text, "line": line}
+        rows.append(row | {"asked": one.asked, "refined": one.refined})
     pixel = result.frame.pixel_mm
     stated = scene.camera is not None and scene.camera.pixel_mm is not None
     if rows and not stated and pixel is not None and scene.rim_diameter_mm is not None:
@@ -99,18 +103,6 @@ def fit_answer(session: SetupSession, index: int) -> dict[str, Any]:
         "kept_share": result.row.get("kept_share"),
         "values": rows,
         "warnings": list(result.frame.warnings),
-    }
-
-
-def _value_row(one: FrameValue) -> dict[str, Any]:
-    value = round_by_spread(one.value, one.standard_uncertainty)
-    return {
-        "key": one.key,
-        "value": value,
-        "text": with_uncertainty(one.value, one.standard_uncertainty),
-        "line": f"{one.key.partition('.')[2]} = {toml_text(value)}",
-        "asked": one.asked,
-        "refined": one.refined,
     }
 
 
@@ -228,8 +220,21 @@ class ClickPreview:
         part = preview.part_at(row, col, on_line=on_line)
         if not part.any():
             return _nothing(message("no_fringe_could_followed_here", what=what))
+        before, after = self._before[1], preview.orders(then)
         extent = "frame" if now.frames.roi is None else "region"
-        return _what_becomes(self._before[1], preview.orders(then), part, what, extent)
+        share = float(part.mean())
+        under = message("part_under", share=100.0 * share, extent=extent)
+        kind, words = part_change(before.order[part], after.order[part], under, what)
+        lost = ~part & np.isfinite(before.order) & ~np.isfinite(after.order)
+        if lost.mean() > _WORTH_SAYING:
+            words += message("elsewhere_would_not_known", mean=100.0 * lost.mean(), extent=extent)
+        levels = shown_orders(np.where(part, after.order, np.nan))
+        return {
+            "kind": kind, "words": f"{words}.", "share": share,
+            "said": [text for text in after.said if text not in before.said],
+            "rows": after.rows.tolist(), "cols": after.cols.tolist(),
+            "levels": base64.b64encode(levels.tobytes()).decode(),
+        }  # fmt: skip
 
     def _followed(self, scene: Scene, index: int) -> AnchorPreview:
         """The frame's fringes, followed anew where frame or scene are others."""
@@ -242,25 +247,6 @@ class ClickPreview:
             self._preview = old = anchor_preview(self._session.frames, scene, index)
             self._key = (*key, known) if old.depends_on_known else key
         return old
-
-
-def _what_becomes(
-    before: PatchOrders, after: PatchOrders, part: NDArray[np.bool_], what: str, extent: str
-) -> dict[str, Any]:
-    """What becomes of a part of the frame, or region, and how it is said."""
-    share = float(part.mean())
-    under = message("part_under", share=100.0 * share, extent=extent)
-    kind, words = part_change(before.order[part], after.order[part], under, what)
-    lost = ~part & np.isfinite(before.order) & ~np.isfinite(after.order)
-    if lost.mean() > _WORTH_SAYING:
-        words += message("elsewhere_would_not_known", mean=100.0 * lost.mean(), extent=extent)
-    sentences = [text for text in after.said if text not in before.said]
-    levels = shown_orders(np.where(part, after.order, np.nan))
-    return {
-        "kind": kind, "words": f"{words}.", "said": sentences, "share": share,
-        "rows": after.rows.tolist(), "cols": after.cols.tolist(),
-        "levels": base64.b64encode(levels.tobytes()).decode(),
-    }  # fmt: skip
 
 
 def _nothing(words: str) -> dict[str, Any]:
@@ -316,7 +302,7 @@ class SetupServer(ThreadingHTTPServer):
         self._pages = 0
         self._gone_at: float | None = None
         self._count = threading.Lock()
-        self._ended = threading.Event()
+        self.is_ended = False
 
     @property
     def hosts(self) -> tuple[str, str]:
@@ -330,43 +316,34 @@ class SetupServer(ThreadingHTTPServer):
 
     def run(self) -> None:
         """Serve until the page is closed, or `end` is called."""
-
-        def watch() -> None:
-            while not self._ended.wait(0.2):
+        self.timeout = 0.1
+        try:
+            while not self.is_ended:
+                self.handle_request()
                 with self._count:
                     gone = self._gone_at
-                if gone is not None and time.monotonic() - gone > _GRACE_S:
-                    self.end()
-
-        threading.Thread(target=watch, daemon=True).start()
-        try:
-            self.serve_forever(poll_interval=0.1)
+                self.is_ended |= gone is not None and time.monotonic() - gone > _GRACE_S
         finally:
-            self._ended.set()
+            self.end()
             self.server_close()
 
     def end(self) -> None:
-        """End serving, from any other thread."""
-        self._ended.set()
-        self.shutdown()
+        """End serving, from any thread."""
+        self.is_ended = True
 
-    @property
-    def is_ended(self) -> bool:
-        """Whether the server is about to end."""
-        return self._ended.is_set()
-
-    def page_opened(self) -> None:
-        """Count a page that is there."""
+    @contextmanager
+    def open_page(self) -> Iterator[None]:
+        """Count a page as long as it is there."""
         with self._count:
             self._pages += 1
             self._gone_at = None
-
-    def page_closed(self) -> None:
-        """Count a page that is gone."""
-        with self._count:
-            self._pages -= 1
-            if self._pages == 0:
-                self._gone_at = time.monotonic()
+        try:
+            yield
+        finally:
+            with self._count:
+                self._pages -= 1
+                if self._pages == 0:
+                    self._gone_at = time.monotonic()
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """Say nothing of connections that a browser breaks off."""
@@ -521,14 +498,11 @@ class _Handler(BaseHTTPRequestHandler):
         """Send signs of life as long as the page is there: its end is the server's."""
         self.close_connection = True
         self._begin({"Content-Type": "text/event-stream"})
-        self.server.page_opened()
-        try:
+        with self.server.open_page():
             while not self.server.is_ended:
                 self.wfile.write(b": here\n\n")
                 self.wfile.flush()
                 time.sleep(_PULSE_S)
-        finally:
-            self.server.page_closed()
 
 
 def _index(request: edits.Request) -> int:

@@ -1,19 +1,9 @@
-"""What the page works on: the frames, and the text of a scene with its history.
-
-The model's fringes while a slider moves: a little less exact than a fit's, and much faster.
-
-The mean over a pixel's area is left out: some hundredths of the full light, which no eye sees. What
-is fitted, checked and simulated is never this picture.
-
-A calibration set that is set up on its images: what the page does otherwise than for a scene.
-
-From points on the picture to values of the scene, and back.
+"""What the page works on: the frames, and the text of a scene or calibration set with its history.
 
 Rows and columns are px with pixel centres at whole numbers. Those of the page are of the whole
 picture; a scene's known orders and its mask are counted in its region of interest.
 """
 
-import math
 import os
 import re
 import threading
@@ -68,73 +58,9 @@ from isochrome.scene import (
 from isochrome.specimens import specimen_model
 from isochrome.stress import PixelGrid, pixel_grid
 
-Point = tuple[float, float]
-"""A place as (row, col), px."""
-
-_NEAREST_PX = 2.0
-"""Points nearer than this are one: half a pixel of each would be a quarter of the scale."""
-
-
-def pixel_scale(first: Point, second: Point, length_mm: float) -> float:
-    """Side of a pixel, mm, from two points (row, col) a known length apart; InputError for none."""
-    apart = math.hypot(second[0] - first[0], second[1] - first[1])
-    if not apart >= _NEAREST_PX:
-        raise InputError("two_points_scale_px", apart=apart, nearest_px=_NEAREST_PX)
-    if not 0.0 < length_mm < math.inf:
-        raise InputError("length_mm_give_distance", length_mm=length_mm)
-    return length_mm / apart
-
-
-def seen_at(pixels: PixelGrid, x_mm: float, z_mm: float) -> Point:
-    """The point (row, col) of the region that looks at a place."""
-    from scipy.optimize import root
-
-    unit = pixels.pixel_mm
-    start = (z_mm - pixels.top_mm) / unit - 0.5, (x_mm - pixels.left_mm) / unit - 0.5
-    if pixels.lens is None:
-        return start
-
-    def away(at: Any) -> Any:
-        """How far the point looks beside the place, px."""
-        return np.subtract(pixels.place(at[0], at[1]), (x_mm, z_mm)) / unit
-
-    row, col = root(away, start, tol=1e-12).x.tolist()
-    return row, col
-
-
-def placed_at(pixels: PixelGrid, point: Point) -> tuple[float, float]:
-    """The outer edges left_mm and top_mm for which a point (row, col) looks at x = z = 0.
-
-    That is the middle of the contact on the surface, or the top of a disc, ring or beam. How the
-    pixels look stays, only their edges move.
-    """
-    x, z = pixels.place(*point)
-    return pixels.left_mm - x, pixels.top_mm - z
-
-
-def surface_roll(first: Point, second: Point) -> float:
-    """The camera's roll, degrees counter-clockwise, from two points (row, col) on the surface.
-
-    InputError where they are one above the other, or the surface is turned by over 45 degrees.
-    """
-    first_end, second_end = sorted((first, second), key=lambda point: point[1])
-    across, down = second_end[1] - first_end[1], second_end[0] - first_end[0]
-    if across < _NEAREST_PX or abs(down) > across:
-        raise InputError("two_points_surface_lie")
-    # a picture that is turned counter-clockwise has the right end of the surface higher
-    return math.degrees(math.atan2(-down, across)) + 0.0
-
-
-def on_line(first: Point, second: Point, col: float) -> float:
-    """The row at a column of the straight line through two points (row, col), px."""
-    share = (col - first[1]) / (second[1] - first[1])
-    return first[0] + share * (second[0] - first[0])
-
 
 def moved(points: Sequence[Sequence[float]], down: float, right: float) -> list[list[float]]:
-    """Points (row, col) moved by px, rounded to a hundredth, such as from the picture to its
-    region.
-    """
+    """Points (row, col) moved by px, rounded to a hundredth."""
     return [[round(row + down, 2), round(col + right, 2)] for row, col in points]
 
 
@@ -146,9 +72,10 @@ def round_by_spread(value: float, spread: float) -> float:
 
 
 class LiveModel:
-    """A scene's fringes on the pixels (rows, cols) of its region, as values move.
+    """The fringes of a scene of one state on the pixels (rows, cols) of its region, as values move.
 
-    The scene is one state, with its pixel size.
+    Less exact than a fit's, and much faster: the mean over a pixel's area is left out, some
+    hundredths of the full light.
     """
 
     def __init__(self, scene: Scene, shape: tuple[int, int]) -> None:
@@ -177,33 +104,15 @@ class LiveModel:
             for key, value in values.items()
             if getattr(self.scene, key.partition(".")[0], None) is not None
         }
+        scene, sharp = self._base.with_values(known), np.ones((), np.float32)
         try:
-            return self._signal(self._base.with_values(known))
+            signal = self._renderer.signal(scene, visibility=sharp)
         except PhysicsError:  # the contact outgrew its window
             self._start(self.scene.with_values(known))
-            return self._signal(self._base)
-
-    def _signal(self, scene: Scene) -> NDArray[np.floating]:
-        signal = self._renderer.signal(scene, visibility=np.ones((), np.float32))
+            scene = self._base
+            signal = self._renderer.signal(scene, visibility=sharp)
         inside = specimen_model(scene).inside(pixel_grid(scene, self.shape))
         return np.where(inside, np.nan_to_num(signal), 0.0)
-
-
-def grey_span(picture: NDArray[np.uint8]) -> tuple[float, float]:
-    """The dark and the bright grey level between which a picture's fringes go."""
-    low, high = np.percentile(picture[::4, ::4], _OUTERMOST)
-    return float(low), float(max(high, low + 1.0))
-
-
-def shown_grey(
-    signal: NDArray[np.floating], span: tuple[float, float], gamma: float
-) -> NDArray[np.uint8]:
-    """Grey levels of a signal, 1 for full light, as bright as the picture that it lies over.
-
-    `span`, see `grey_span`; the camera stores light^(1/gamma).
-    """
-    stored = np.clip(signal, 0.0, 1.0) ** np.float32(1.0 / gamma)
-    return np.asarray(np.rint(span[0] + (span[1] - span[0]) * stored), dtype=np.uint8)
 
 
 _NAMING = (
@@ -417,7 +326,8 @@ class SetupSession:
     def live(self, index: int, values: Mapping[str, float]) -> tuple[NDArray[np.uint8], Roi]:
         """The model's fringes of a frame's state as grey levels (rows, cols) of the region, and it.
 
-        `values` by the scene's keys stand in place of its own.
+        `values` by the scene's keys stand in place of its own. They are as bright as the picture
+        that they lie over.
         """
         with self._lock:
             scene, key = self.scene(), (self.revision, index)
@@ -427,16 +337,17 @@ class SetupSession:
                 self.pixels(scene)  # its scale
                 state = own_scene(with_file_scale(scene, self.reader(scene)), frame)
                 model = LiveModel(state, (region.height_px, region.width_px))
-                span = grey_span(_cut(shown_frame(frame.image), region))
-                self._model = key, model, span
-            _, model, span = self._model
-            return shown_grey(model.signal(values), span, scene.frames.first_gamma), region
+                shown = _cut(shown_frame(frame.image), region)
+                dark, bright = (float(v) for v in np.percentile(shown[::4, ::4], _OUTERMOST))
+                self._model = key, model, (dark, max(bright, dark + 1.0))
+            _, model, (dark, bright) = self._model
+            light = np.clip(model.signal(values), 0.0, 1.0)
+            stored = light ** np.float32(1.0 / scene.frames.first_gamma)
+            return np.asarray(np.rint(dark + (bright - dark) * stored), dtype=np.uint8), region
 
 
 def shown_frame(image: NDArray[Any]) -> NDArray[np.uint8]:
-    """Raw grey levels in 8 bits: the darkest thousandth is black, the brightest white; NaN is
-    black.
-    """
+    """Raw grey levels in 8 bits: the darkest thousandth and NaN black, the brightest one white."""
     values = np.nan_to_num(image.astype(np.float32))
     step = max(1, int(np.sqrt(values.size / 250_000)))
     low, high = np.percentile(values[::step, ::step], _OUTERMOST)
@@ -471,6 +382,7 @@ _PICTURED = ("camera", "polariscope", "frames")
 """Tables that a set and a scene have in common: how the picture is taken and read."""
 
 _LOAD_IN_NAME = re.compile(r"(?<![0-9A-Za-z.,])([0-9]+(?:[.,][0-9]+)?)[ _-]?N(?![A-Za-z])")
+"""The load that an image's name may tell, such as disc-560N.png."""
 
 _GAMMA = "frames.gamma"
 
@@ -539,7 +451,8 @@ class SetSession(SetupSession):
     def loads(self) -> list[float | None]:
         """The load of each image, N: the set's, before it is made that of the file's name."""
         if not self.text.strip():
-            return [_load_in(name) for name in self.image_names]
+            numbers = [_LOAD_IN_NAME.findall(Path(name).stem) for name in self.image_names]
+            return [float(n[0].replace(",", ".")) if len(n) == 1 else None for n in numbers]
         loads = _loads_in(parse_toml(self.text, self.scene_file.name).get("image", []))
         return [loads.get(name) for name in self.image_names]
 
@@ -609,12 +522,6 @@ def _edges(
     for side in (-away, away):
         row = values["neutral_axis_row_px"] + side
         yield [(float(row - slope * half), 0.0), (float(row + slope * half), width - 1.0)]
-
-
-def _load_in(name: str) -> float | None:
-    """The load that an image's name tells, such as disc-560N.png; None where it tells none."""
-    numbers = _LOAD_IN_NAME.findall(Path(name).stem)
-    return float(numbers[0].replace(",", ".")) if len(numbers) == 1 else None
 
 
 def _loads_in(images: Iterable[Mapping[str, Any]]) -> Any:
