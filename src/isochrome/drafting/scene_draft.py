@@ -123,9 +123,13 @@ def written_draft(
     and what is open of all that and of the recording.
     """
     turn = next((value.value for value in fitted if value.key == TURN), given.rotate_deg)
-    values = [
-        *given_values(given), *file_values(reader, given, turned=turn in (90, 270)), *fitted
-    ]  # fmt: skip
+    shape = given.shape
+    values = [DraftValue("specimen.shape", shape, "given")] * (shape in STATED_SHAPES)
+    for name in NEEDED[shape] or NEEDED_BESIDE:
+        if (value := getattr(given, name)) is not None:
+            one = QUANTITIES[name]
+            values.append(DraftValue(one.key, value, "given", note=one.unit))
+    values += [*file_values(reader, given, turned=turn in (90, 270)), *fitted]
     # a frame may tell what was given, or what its file has, otherwise
     values = list({value.key: value for value in values}.values())
     present = {value.key for value in values}
@@ -392,17 +396,6 @@ def frame_of(reader: FrameReader, index: int, given: KnownValues) -> Frame:
     return frame
 
 
-def given_values(given: KnownValues) -> list[DraftValue]:
-    """The shape, and what was given of what it needs."""
-    shape = given.shape
-    values = [DraftValue("specimen.shape", shape, "given")] * (shape in STATED_SHAPES)
-    for name in NEEDED[shape] or NEEDED_BESIDE:
-        if (value := getattr(given, name)) is not None:
-            one = QUANTITIES[name]
-            values.append(DraftValue(one.key, value, "given", note=one.unit))
-    return values
-
-
 def file_values(reader: FrameReader, given: KnownValues, *, turned: bool) -> list[DraftValue]:
     """The camera's size, bits and scale; `turned`: the scene lies a quarter turn otherwise."""
     rows, cols = reader.shape[::-1] if turned else reader.shape
@@ -417,14 +410,6 @@ def file_values(reader: FrameReader, given: KnownValues, *, turned: bool) -> lis
     if given.pixel_mm is None and reader.pixel_mm is not None:
         values.append(DraftValue("camera.pixel_mm", reader.pixel_mm, "file"))
     return values
-
-
-def light_tables(given: KnownValues) -> dict[str, dict[str, Any]]:
-    """What is known of the polariscope and of the frames' gamma, dark and 1 where it is not."""
-    light: dict[str, Any] = {"field": given.field or "dark"}
-    if given.wavelength_nm is not None:
-        light["wavelength_nm"] = given.wavelength_nm
-    return {"polariscope": light, "frames": {"gamma": 1.0 if given.gamma is None else given.gamma}}
 
 
 def open_of_set(reader: FrameReader, given: KnownValues) -> list[OpenKey]:
