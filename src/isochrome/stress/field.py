@@ -1,6 +1,4 @@
-"""What a stress field is, and a field made on a plain grid at the places that pixels look at.
-
-The pixel grid on which a field is wanted, and where its pixels look through a lens.
+"""The pixel grid, where its pixels look through a lens, and a plain grid's field at those places.
 
 A point at (x, z) from the picture's middle is seen where three steps put it: the roll φ, counter-
 clockwise; the keystone, (u, v) = (x, z) / (1 - k_x x / X - k_z z / Z); the distortion, (u', v') =
@@ -67,8 +65,8 @@ MAX_PIXELS = 100_000_000
 
 _STEP = 16
 """Pixels by which the grid around a picture grows."""
-_ROOM = 4
-"""Pixels that it has beyond what is looked at: a spline's ends are felt no farther."""
+_REACH = 6
+"""Pixels beyond what is looked at, and above the surface: a cubic spline feels no more of them."""
 
 MAX_REACH_MM = 1e6
 """A kilometre: no picture of a specimen, and its pixels' places are still told to a nanometre."""
@@ -112,9 +110,11 @@ class PixelGrid:
         return self.left_mm, self.left_mm + wide, self.top_mm, self.top_mm + high
 
     @property
+    @lru_cache(maxsize=2)  # noqa: B019 - of few grids, which are plain numbers
     def places(self) -> tuple[Floats, Floats]:
         """x and z (mm) that the pixels look at, of shapes that broadcast to (rows, cols)."""
-        return (self.x_mm[None, :], self.z_mm[:, None]) if self.lens is None else _looked_at(self)
+        x, z = self.x_mm[None, :], self.z_mm[:, None]
+        return (x, z) if self.lens is None else self.through_lens(x, z)
 
     def place(self, row: float, col: float) -> tuple[float, float]:
         """x and z (mm) that a point of the picture (px) looks at, also beyond its edges."""
@@ -142,8 +142,8 @@ class PixelGrid:
         pixel_mm = self.pixel_mm / parts
         (x, z), unit = self.places, _STEP * pixel_mm
         reach = np.array([[x.min(), x.max()], [z.min(), z.max()]]) / unit
-        low = unit * np.floor(reach[:, 0] - _ROOM / _STEP)
-        size = np.ceil(reach[:, 1] + _ROOM / _STEP) * unit - low
+        low = unit * np.floor(reach[:, 0] - _REACH / _STEP)
+        size = np.ceil(reach[:, 1] + _REACH / _STEP) * unit - low
         cols, rows = np.rint(size / pixel_mm).astype(int).tolist()
         return PixelGrid(rows, cols, float(low[0]), float(low[1]), pixel_mm)
 
@@ -158,12 +158,6 @@ class PixelGrid:
             left_mm=self.left_mm - shift, top_mm=self.top_mm - shift,
             pixel_mm=self.pixel_mm * stride, lens=lens,
         )  # fmt: skip
-
-
-@lru_cache(maxsize=2)
-def _looked_at(pixels: PixelGrid) -> tuple[Floats, Floats]:
-    """The places of a grid with a lens; the last ones are kept."""
-    return pixels.through_lens(pixels.x_mm[None, :], pixels.z_mm[:, None])
 
 
 def pixel_grid(scene: Scene, shape: tuple[int, int] | None = None) -> PixelGrid:
@@ -230,9 +224,6 @@ def principal_direction(difference: StressDifference) -> Floats:
 
 N = TypeVar("N", bound=np.inexact)
 
-_ABOVE = 6
-"""Rows above the surface that a field is continued over: a spline feels no more of them."""
-
 
 def seen_by(field: NDArray[N], grid: PixelGrid, pixels: PixelGrid) -> NDArray[N]:
     """Interpolate a field (rows, cols) where pixels look, by cubic splines; 0 above the surface.
@@ -276,7 +267,7 @@ def below_surface(field: NDArray[N], grid: PixelGrid) -> NDArray[N]:
     if not 0 < first < len(field):
         return field
     field = field.copy()
-    near = field[first : first + min(_ABOVE, first, len(field) - first)]
+    near = field[first : first + min(_REACH, first, len(field) - first)]
     surface = 1.5 * near[0] - 0.5 * near[min(1, len(near) - 1)]
     field[first - len(near) : first] = (2.0 * surface - near)[::-1]
     return field

@@ -28,8 +28,6 @@ change along x, Im s_1 its change along z, pure bending. Sources: Johnson (1985)
 2.3; Muskhelishvili (1953), Some Basic Problems of the Mathematical Theory of Elasticity, sections
 32, 90 and 93; Davis (1963), Interpolation and Approximation, section 3.6; Brandt & Lubrecht (1990),
 Journal of Computational Physics 90.
-
-The largest shear stress under a window, and where it is, the surface included.
 """
 
 from __future__ import annotations
@@ -141,11 +139,6 @@ class RowBand:
     moved: int
     cauchy: Complexes = field(repr=False)
     slope: Complexes = field(repr=False)
-
-    @property
-    def nbytes(self) -> int:
-        """Memory of the spectra, bytes."""
-        return self.cauchy.nbytes + self.slope.nbytes
 
 
 def make_band(
@@ -375,11 +368,6 @@ class FieldGrid:
     dtype: np.dtype[np.complexfloating]  # complex64 or complex128
     bands: tuple[RowBand, ...]  # of the material; rows above the surface have none
 
-    @property
-    def nbytes(self) -> int:
-        """Memory of all spectra, bytes."""
-        return sum(band.nbytes for band in self.bands)
-
 
 def field_dtype(tolerance: float) -> type[np.complexfloating]:
     """The cheapest precision whose error is below a share of the largest pressure and shear.
@@ -505,10 +493,9 @@ _GROWTH = 1.2
 """Ratio of neighbouring depths of the scan; at depth z nothing is finer than about z."""
 _ACROSS = 17
 """Places each way of the coarse scan that takes in the window's far corners."""
-_RIVALS, _PARTS = 6, 24
-"""Local maxima by depth, and by part of the load, that are climbed before the highest is kept."""
-_NEARLY = 0.8
-"""Share of the scan's largest value that a rival must have: the scan loses a few per cent."""
+_RIVALS = 12
+"""Local maxima of the scans that are climbed before the highest is kept: a scan loses a few per
+cent, and there is noise on a plateau, and a cusp at each node of a rough traction."""
 
 
 class Box(NamedTuple):
@@ -534,35 +521,6 @@ class Loads:
         """|(sigma_x - sigma_z) + 2i tau_xz| at places of one shape, MPa."""
         field, _ = difference_and_trace(x, z, self.nodes, self.pressure, self.shear)
         return np.abs(field + self.regular.difference(x, z))
-
-
-def find_hills(loads: Loads, box: Box) -> tuple[Floats, Floats, Floats]:
-    """Places x, z (mm) and sizes (MPa) of the scans' highest local maxima, some ten of each.
-
-    By depth and by part of the load, so that neither the noise on a plateau nor the many cusps of a
-    rough traction at the surface crowd out another hill.
-    """
-    scans = _scans(loads, box)
-    highest = max(size.max() for _, _, size in scans)
-    boxes = []
-    for x, z, size in scans:
-        padded = np.pad(size, 1, constant_values=-1.0)
-        rows, cols = size.shape
-        around = (padded[i : i + rows, j : j + cols] for i in range(3) for j in range(3))
-        hills = np.logical_and.reduce([size >= part for part in around])
-        row, col = np.nonzero(hills & (size >= _NEARLY * highest))
-        boxes.append(np.stack([size[row, col], x[col], z[row]]))
-    size, x, z = np.concatenate(boxes, axis=1)
-    parts = np.floor(_PARTS * (x - loads.nodes[0]) / np.ptp(loads.nodes))
-    selected = np.union1d(_best_of_each(z, size)[:_RIVALS], _best_of_each(parts, size)[:_RIVALS])
-    return x[selected], z[selected], loads.size(x[selected], z[selected])
-
-
-def _best_of_each(label: Floats, size: Floats) -> NDArray[np.intp]:
-    """Indices of the largest size of each label, the largest first."""
-    order = np.argsort(-size)
-    _, first = np.unique(label[order], return_index=True)
-    return np.asarray(order[np.sort(first)])
 
 
 def _scans(loads: Loads, box: Box) -> list[tuple[Floats, Floats, Floats]]:
@@ -633,6 +591,8 @@ def largest_shear(
     its uniform nodes: beside a worn edge, where friction ends steeply, sigma_x grows with the
     logarithm of that steepness, so with a finer grid. InputError: no material, or not finite.
     """
+    from scipy.ndimage import maximum_filter
+
     left_mm, right, top, bottom = within
     if not (left_mm <= right and max(top, 0.0) <= bottom):
         raise InputError("window_from_mm_mm", left_mm=left_mm, right=right, top=top, bottom=bottom)
@@ -642,25 +602,23 @@ def largest_shear(
         if not np.isfinite(traction).all():
             raise InputError("holds_nan_infinity_give", name=name)
     loaded = np.flatnonzero((pressure_mpa != 0.0) | (shear != 0.0))
-    if not len(loaded):
-        return _without_loads(regular, box)
-    part = slice(max(loaded[0] - 1, 0), loaded[-1] + 2)  # two nodes at least
+    # two nodes at least; without a load all
+    part = slice(max(loaded[0] - 1, 0), loaded[-1] + 2) if len(loaded) else slice(None)
     spacing = float(nodes_mm[1] - nodes_mm[0])
     loads = Loads(nodes_mm[part], pressure_mpa[part], shear[part], spacing, regular)
-    x, z, size = find_hills(loads, box)
+    hills = []
+    for x, z, size in _scans(loads, box):
+        row, col = np.nonzero(size >= maximum_filter(size, 3))
+        hills.append(np.stack([size[row, col], x[col], z[row]]))
+    size, x, z = np.concatenate(hills, axis=1)
+    highest = np.argsort(-size)[:_RIVALS]
+    x, z = x[highest], z[highest]
+    size = loads.size(x, z)
     step = np.stack([np.maximum(spacing, 0.1 * z), np.maximum(0.5 * spacing, 0.2 * z)])
     x, z, size = _climb(loads, box, x, z, size, step, 0.05)
     best = slice(size.argmax(), size.argmax() + 1)
     x, z, size = _climb(loads, box, x[best], z[best], size[best], 0.05 * step[:, best], 1e-7 / 0.05)
     return ShearPeak(0.5 * float(size[0]), float(x[0]), float(z[0]))
-
-
-def _without_loads(regular: RegularStress, box: Box) -> ShearPeak:
-    """The largest shear of a regular stress alone: polynomials of low degree need no finer scan."""
-    x, z = np.linspace(box.left, box.right, 65), np.linspace(box.top, box.bottom, 65)
-    shear = 0.5 * np.abs(regular.difference(x[None, :], z[:, None]))
-    row, col = np.unravel_index(int(shear.argmax()), shear.shape)
-    return ShearPeak(float(shear[row, col]), float(x[col]), float(z[row]))
 
 
 def _climb(
