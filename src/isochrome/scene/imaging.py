@@ -1,9 +1,4 @@
-"""The camera of a scene, and how its captured frames are to be read.
-
-Where in a frame the user knows the fringe order: points, fringe lines, free boundaries.
-
-What the parts of a scene are made of: the table, its numbers, and values over distance.
-"""
+"""What the parts of a scene are made of; its camera, and how its captured frames are to be read."""
 
 from __future__ import annotations
 
@@ -129,23 +124,18 @@ NUMBER, TABLE = "<number>", "<table>"
 """Tags of the two forms of a value over distance; they do not show in a mistake's key."""
 
 
-def form(value: Any) -> str:
-    """Which of the two forms a value over distance has."""
-    return TABLE if isinstance(value, dict | DistanceTable) else NUMBER
-
-
-def as_dict(value: Any) -> Any:
-    """Any table as a dictionary, so that the key's own kind of table checks its values."""
-    return value.model_dump() if isinstance(value, DistanceTable) else value
-
-
 Number = TypeVar("Number")
 Table = TypeVar("Table")
 OverDistance = Annotated[
-    Annotated[Number, Tag(NUMBER)] | Annotated[Table, BeforeValidator(as_dict), Tag(TABLE)],
-    Discriminator(form),
+    Annotated[Number, Tag(NUMBER)]
+    | Annotated[
+        Table,
+        BeforeValidator(lambda v: v.model_dump() if isinstance(v, DistanceTable) else v),
+        Tag(TABLE),
+    ],
+    Discriminator(lambda v: TABLE if isinstance(v, dict | DistanceTable) else NUMBER),
 ]
-"""A number, or a table of such numbers over sliding distance."""
+"""A number, or a table of such numbers over sliding distance, which the key's own kind checks."""
 
 
 def value_at(value: float | DistanceTable, distance_m: Distance) -> Distance:
@@ -314,19 +304,10 @@ class FreeBoundary(_Path):
         return tuple(sharp)
 
 
-Fraction = Annotated[NonNegative, Field(le=1)]
 Pixels = Annotated[int, Field(ge=1, le=_MOST_PX)]
 Exponent = Annotated[float, Field(ge=0.1, le=10)]
 Bend = Annotated[float, Field(ge=-0.1, le=0.1)]
-
-
 FileName = Annotated[str, Field(min_length=1), AfterValidator(no_escape)]
-# angles are written with a point elsewhere: 90.0 is 90
-Turn = Annotated[
-    Literal[0, 90, 180, 270],
-    BeforeValidator(lambda v: int(v) if isinstance(v, float) and v.is_integer() else v),
-]
-Flip = Literal["horizontal", "vertical"]
 
 
 class Camera(ScenePart):
@@ -389,7 +370,7 @@ class Camera(ScenePart):
     keystone_z: Bend = 0.0
     bit_depth: Annotated[int, Field(ge=1, le=16)] | None = None
     brightness: Annotated[float, Field(gt=0, le=10)] = 1.0
-    background: Fraction = 0.0
+    background: Annotated[NonNegative, Field(le=1)] = 0.0
     vignette: Annotated[float, Field(ge=0, lt=1)] = 0.0
     gamma: Exponent = 1.0
     blur_px: Annotated[float, Field(ge=0, le=100)] = 0.0
@@ -479,8 +460,12 @@ class Frames(ScenePart):
         order, 0 where it is not known. A frame's load is read against the others of known load.
     """
 
-    rotate_deg: Turn = 0
-    flip: Flip | None = None
+    # angles are written with a point elsewhere: 90.0 is 90
+    rotate_deg: Annotated[
+        Literal[0, 90, 180, 270],
+        BeforeValidator(lambda v: int(v) if isinstance(v, float) and v.is_integer() else v),
+    ] = 0
+    flip: Literal["horizontal", "vertical"] | None = None
     roi: Roi | None = None
     mask: ImageFile | None = None
     polygon_px: Annotated[tuple[tuple[Finite, Finite], ...], Field(min_length=3)] | None = None

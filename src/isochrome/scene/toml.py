@@ -1,9 +1,7 @@
 """Scenes in and out of TOML, with errors that name the file, the key, the value and the fix.
 
-One value or list of tables set in TOML text by tomlkit: all else in it stays, to the byte.
-
-After an edit the text is read anew: it has to say what it said before, but for the one key. tomlkit
-is imported where a text is edited or written.
+Of an edited text all else stays, to the byte: it is read anew after an edit, and has to say what it
+said before, but for the one key. tomlkit is imported where a text is edited or written.
 """
 
 from __future__ import annotations
@@ -232,9 +230,7 @@ def read_text(path: Path) -> str:
 
 
 def as_tables(data: Mapping[str, Any]) -> dict[str, Any]:
-    """Plain dictionaries of mappings that are tables of a settings file, with the values as they
-    are.
-    """
+    """Plain dictionaries of mappings that are tables of a settings file, values as they are."""
     return {
         str(key): as_tables(value) if isinstance(value, Mapping) else value
         for key, value in data.items()
@@ -246,21 +242,15 @@ def parse_toml(text: str, label: str) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # also of numbers of thousands of digits
-        cause = _slip_in_line(text, str(error))
-        raise InputError(
-            "not_valid_toml", label=label, error=error, cause=cause or "correct that line"
-        ) from (error)
-
-
-def _slip_in_line(text: str, reason: str) -> str:
-    """What is wrong with the line that a message of the TOML reader names, where that is known."""
-    match = re.search(r"at line (\d+)", reason)
-    lines = text.split("\n")
-    line = lines[min(int(match[1]), len(lines)) - 1] if match else ""
-    comma = re.search(r"=\s*([-+]?\d+),(\d+)", line)
-    if comma:
-        return message("decimal_comma_write_point", comma=comma[1], comma_2=comma[2])
-    return message("backslash_double_quotes_write") if re.search(r'"[^"]*\\', line) else ""
+        line_number = re.search(r"at line (\d+)", str(error))
+        lines, cause = text.split("\n"), "correct that line"
+        line = lines[min(int(line_number[1]), len(lines)) - 1] if line_number else ""
+        comma = re.search(r"=\s*([-+]?\d+),(\d+)", line)
+        if comma:
+            cause = message("decimal_comma_write_point", comma=comma[1], comma_2=comma[2])
+        elif re.search(r'"[^"]*\\', line):
+            cause = message("backslash_double_quotes_write")
+        raise InputError("not_valid_toml", label=label, error=error, cause=cause) from error
 
 
 def with_value(

@@ -1,8 +1,6 @@
 """The scene: its parts together, and what they must have in common.
 
-Whether the camera's pixel, sizes and moduli are in their keys' units.
-
-A slip is a factor of a thousand.
+Whether the camera's pixel, sizes and moduli are in their keys' units: a slip is a factor of 1000.
 """
 
 from __future__ import annotations
@@ -164,21 +162,17 @@ class Scene(ScenePart):
         if isinstance(load.normal_n, DistanceTable) and load.tangential_n is not None:
             raise ValueError(message("load_normal_n_table_over_sliding"))
         if load.tangential_n is not None:
-            self._check_tangential(load.tangential_n)
+            if self.friction is None:
+                raise ValueError(message("load_tangential_n_needs_friction"))
+            if self.wear is not None:
+                raise ValueError(message("load_tangential_n_stuck_contact"))
+            held, given = abs(self.friction_at(0.0)) * self.load_at(0.0), load.tangential_n
+            if abs(given) > held:
+                more = message("load_tangential_n_more_friction", tangential_n=given, held=held)
+                raise ValueError(more)
         inner, outer = load.inner_span_mm or 0.0, load.outer_span_mm or 0.0
         if self.specimen.shape == "beam" and inner >= outer:
             raise ValueError(message("load_inner_span_mm_must_less", inner=inner, outer=outer))
-
-    def _check_tangential(self, tangential_n: float) -> None:
-        if self.friction is None:
-            raise ValueError(message("load_tangential_n_needs_friction"))
-        if self.wear is not None:
-            raise ValueError(message("load_tangential_n_stuck_contact"))
-        held = abs(self.friction_at(0.0)) * self.load_at(0.0)
-        if abs(tangential_n) > held:
-            raise ValueError(
-                message("load_tangential_n_more_friction", tangential_n=tangential_n, held=held)
-            )
 
     @property
     def _body(self) -> parts.Body | None:
@@ -362,11 +356,10 @@ WIDEST = 200
 STIFFEST_GPA = 1000.0
 """No body is stiffer: a larger modulus has another unit."""
 
-LARGEST_MM = {
-    **{f"specimen.{k}_mm": 1e3 for k in ("thickness", "diameter", "hole", "height", "width")},
-    "indenter.half_width_mm": 1e3,
-    "indenter.radius_mm": 1e4,
-}
+LARGEST_MM = dict.fromkeys(
+    (*(f"specimen.{k}_mm" for k in ("thickness", "diameter", "hole", "height", "width")),
+     "indenter.half_width_mm"), 1e3,
+) | {"indenter.radius_mm": 1e4}  # fmt: skip
 """Nothing under a polariscope is larger, and no cylinder flatter: a larger size is in µm."""
 
 MOST = 10_000
