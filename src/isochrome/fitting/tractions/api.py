@@ -1,7 +1,4 @@
-"""The picture of tractions: what presses and rubs, the residual, the principal stresses apart.
-
-Tractions of every frame of a fit, and what they leave on disk.
-"""
+"""Tractions of every frame of a fit, their picture, and what they leave on disk."""
 
 from __future__ import annotations
 
@@ -62,8 +59,7 @@ def tractions_figure(
 ) -> Figure:
     """Tractions with their 95 % bands, residual, and both principal stresses, for four frames.
 
-    Parameters: `name` of the scene; `frames`; `scenes`, one state each, whose model is drawn
-    beside; `found`, their tractions. Returns a Figure.
+    `scenes`, one state each, are those whose model is drawn beside.
     """
     shown = evenly_spaced(range(len(found)), _SHOWN)
     pixels = found[0].pixels
@@ -150,9 +146,8 @@ def with_tractions(
 ) -> Fit:
     """A fit with the tractions of each of its frames.
 
-    Parameters: `result`; `frames`; `joint`, whose scenes are where each frame's search starts, and
-    then those `given`, before the fit; `free_top`, whether the surface's place is found too;
-    `progress`, called with each frame done. Returns a Fit.
+    Each frame's search starts at the `joint` fit's scene, and then at that `given` before the fit;
+    `free_top`, whether the surface's place is found too.
     """
     plain, frames.plain = frames.plain, set()  # a poor model's light is not the frame's
     outcome = []
@@ -170,10 +165,7 @@ def with_tractions(
 
 
 def write_tractions(folder: Path, frames: PreparedFrames, joint: JointFit, result: Fit) -> None:
-    """Leave tractions.csv, the principal stresses and the order as TIFFs, and tractions.png.
-
-    Parameters: `folder`; `frames`; `joint`, for the model beside; `result`, with tractions.
-    """
+    """Leave tractions.csv, the principal stresses and the order as TIFFs, and tractions.png."""
     outcome = result.tractions
     nodes = [len(one.x_mm) for one in outcome]
     columns: dict[str, Any] = {"frame": np.repeat(np.arange(len(outcome)), nodes)}
@@ -203,9 +195,7 @@ def _view(name: str, stack: Sequence[Array], pixels: PixelGrid) -> dict[str, Any
 
 
 def maps(tractions: Tractions) -> list[Array]:
-    """sigma_1, sigma_2 (MPa) and the fringe order at every pixel (rows, cols), NaN above the
-    surface, float32.
-    """
+    """sigma_1, sigma_2 (MPa) and the order at every pixel (rows, cols), NaN above the surface."""
     pixels, stress = tractions.pixels, tractions.components()
     order = scene_optics(tractions.scene).order(stress.difference)
     material = (pixels.z_mm >= (0.5 - 1e-6) * pixels.pixel_mm)[:, None]

@@ -60,9 +60,9 @@ from isochrome.stress import PixelGrid, StressComponents, pixel_grid
 
 FRICTION_LIMIT = 1.0
 """Largest |q|/p that is thought of: dry contacts of solids stay well below."""
-_HATS = (4, 8, 16, 32)
-"""Hats in half of the contact's width, of one stage after the other; none is narrower than a pixel,
-and the shallowest pixels of all but the last lie twice as deep as they are wide."""
+_HATS, _STAGES = 4, 4
+"""Hats in half of the contact's width, twice as many from stage to stage; none is narrower than a
+pixel, and the shallowest pixels of all but the last stage lie twice as deep as they are wide."""
 _PIXELS = 40_000
 """Pixels that are fitted, about: blocks of them in larger frames."""
 _RIDGE = 1e-10
@@ -318,17 +318,17 @@ def invert(data: FrameData, scene: Scene, *, free_top: bool) -> Stage:
     half = 0.5 * (surface.edges_mm[1] - surface.edges_mm[0])
     block, least = block_px(data) * pixels.pixel_mm, hidden_px(scene)
     patches = [(pixels.left_mm, pixels.left_mm + pixels.cols * pixels.pixel_mm)]
-    for count in _HATS:
-        spacing = block * max(1, round(half / count / block))
+    for stage_number in range(_STAGES):
+        spacing = block * max(1, round(half / (_HATS << stage_number) / block))
         first, last = (round(end / spacing) for end in (patches[0][0], patches[-1][1]))
         nodes = spacing * np.arange(first, last + 1)
         inside = np.any([(nodes >= i) & (nodes <= j) for i, j in patches], axis=0)
         depth = min(2.0 * spacing, 0.5 * pixels.z_mm[-1]) / pixels.pixel_mm
         # from afar the surface's place is told from bending by little
-        keys = (*SMOOTH_KEYS, TOP) if free_top and count > _HATS[0] else SMOOTH_KEYS
+        keys = (*SMOOTH_KEYS, TOP) if free_top and stage_number else SMOOTH_KEYS
         model = TractionModel(
             data, scene, surface, keys, nodes[inside], spacing,
-            hidden_px=least if count == _HATS[-1] else max(least, depth),
+            hidden_px=least if stage_number == _STAGES - 1 else max(least, depth),
         )  # fmt: skip
         fit = model.settled(model.start, robust=False)
         if fit is None or not (fit.positive and is_seen(fit.gamma_fit)):
@@ -418,11 +418,9 @@ class Tractions:
 def invert_tractions(data: FrameData, *scenes: Scene, free_top: bool = False) -> Tractions:
     """Pressure and shear on the surface of a contact from one frame, without a contact model.
 
-    Parameters: `data`; `scenes`, one state each, that may be near, the first one first, such as
-    one that was fitted and what it was fitted from: it gives optics, place and smooth stress;
-    `free_top`, whether the surface's place in the picture is found too (that along x goes into the
-    tractions). Returns Tractions. Raises InputError where a scene is no contact, PhysicsError where
-    the frame shows no load.
+    `scenes`, one state each, that may be near, the first one first: it gives optics, place and
+    smooth stress; `free_top`, whether the surface's place in the picture is found too. InputError
+    where a scene is no contact, PhysicsError where the frame shows no load.
     """
     searches = []
     for scene in scenes:
@@ -478,8 +476,13 @@ def _result(stage: Stage, data: FrameData, search: tuple[Settled, ...]) -> Tract
 
 def what_to_say(stage: Stage, search: tuple[Settled, ...], load: Measured) -> tuple[str, ...]:
     """Warnings about an inversion, from its last stage, and from the search for its start."""
-    result = []
-    worst, unsure = local_chi(stage), load.standard_uncertainty / load.value
+    result, model = [], stage.model
+    square = np.zeros(model.pixels.keep.shape, np.float32)
+    square[model.pixels.keep] = np.square(stage.fit.gamma_fit.residual)
+    keep = model.pixels.keep.astype(np.float32)
+    count, sums = (block_sums(part, _LOCAL_PX) for part in (keep, square))
+    enough = count > _FEW - 0.5
+    worst = float(np.sqrt((sums[enough] / count[enough]).max(initial=0.0)))
     if stage.chi > GOOD_CHI:
         result.append(message("chi_no_tractions_half", chi=stage.chi))
     elif worst > _LOCAL_CHI:
@@ -489,16 +492,10 @@ def what_to_say(stage: Stage, search: tuple[Settled, ...], load: Measured) -> tu
     best, *others = search
     if any(one.positive and one.chi < ALIKE_CHI * best.chi for one in others):
         result.append(message("other_resultants_explain_deep"))
+    unsure = load.standard_uncertainty / load.value
     if unsure > _UNCERTAIN:
         result.append(message("load_determined_only_more", load=100 * unsure))
-    return (*result, *_of_the_surface(stage))
-
-
-def _of_the_surface(stage: Stage) -> list[str]:
-    """What to say where the tractions touch their limits."""
-    model = stage.model
     pressure, shear = model.tractions(stage.fit.values)
-    result = []
     touching = np.abs(shear) > (1.0 - 1e-9) * FRICTION_LIMIT * pressure
     share = pressure[touching].sum() / pressure.sum()
     if share > _LIMITED:
@@ -509,14 +506,4 @@ def _of_the_surface(stage: Stage) -> list[str]:
     sides = pixel_grid(stage.scene, model.renderer.shape).x_mm[[0, -1]]
     if pressed[0] < sides[0] + reach or pressed[-1] > sides[1] - reach:
         result.append(message("pressure_reaches_picture_side"))
-    return result
-
-
-def local_chi(stage: Stage) -> float:
-    """The largest chi of a square of pixels; 0 where none has enough of them."""
-    keep = stage.model.pixels.keep
-    square = np.zeros(keep.shape, np.float32)
-    square[keep] = np.square(stage.fit.gamma_fit.residual)
-    count, sums = (block_sums(part, _LOCAL_PX) for part in (keep.astype(np.float32), square))
-    mean = sums[count > _FEW - 0.5] / count[count > _FEW - 0.5]
-    return float(np.sqrt(mean.max(initial=0.0)))
+    return tuple(result)
