@@ -105,7 +105,13 @@ def command(
             outcome = function(**values)
             out = values["out"] if writes else Path()
             files = write_extras(outcome.result, outcome.extras or out)
-            _print(outcome, out, files, as_json)
+            if as_json:
+                places = {"out": out, "into": outcome.into and outcome.into[1], "figures": files}
+                places = {name: place for name, place in places.items() if place}
+                result = outcome.result
+                print_json(result if isinstance(result, dict) else places | result.to_json())
+            else:
+                _print(outcome, out, files)
             if outcome.failure is not None:
                 why, code = outcome.failure
                 if why:
@@ -122,15 +128,9 @@ def command(
     return add
 
 
-def _print(outcome: Finished, out: Path, files: Sequence[str], as_json: bool) -> None:
-    """One JSON object, of a result with its places; or what `show` prints, warnings and places."""
+def _print(outcome: Finished, out: Path, files: Sequence[str]) -> None:
+    """What `show` prints, warnings and places."""
     result = outcome.result
-    if as_json:
-        into = outcome.into and outcome.into[1]
-        places = {"out": out, "into": into, "figures": files}
-        named = {name: place for name, place in places.items() if place}
-        print_json(result if isinstance(result, dict) else named | result.to_json())
-        return
     outcome.show(result)
     if not outcome.shows_all:
         print_warnings(list(result.warnings))
@@ -657,23 +657,19 @@ def main() -> None:
         fail(error.message, error.exit_code)
     except SystemExit as end:
         if end.code == STOPPED:
-            fail(_stopped(end), STOPPED)
+            cause: BaseException | None = end
+            while cause is not None and not isinstance(cause, KeyboardInterrupt):
+                cause = cause.__cause__ or cause.__context__
+            reason = str(cause or "") or "stopped; nothing was left half-written"
+            same = shlex.join(part for part in sys.argv[1:] if part != "--restart")
+            again = f": isochrome {same}" if reason.endswith("to resume") else ""
+            fail(f"{reason}{again}", STOPPED)
         raise
     except OSError as error:  # a drive that is gone, or full, where nobody else has said it
         what = error.filename or "a file"
         fail(message("cannot_read_written_see", what=what, strerror=error.strerror or error), 2)
     except MemoryError:
         fail(message("not_enough_memory_use_smaller"), 3)
-
-
-def _stopped(end: BaseException) -> str:
-    """What was said when the user stopped the command, and how to go on with it."""
-    cause: BaseException | None = end
-    while cause is not None and not isinstance(cause, KeyboardInterrupt):
-        cause = cause.__cause__ or cause.__context__
-    reason = str(cause or "") or "stopped; nothing was left half-written"
-    same = shlex.join(part for part in sys.argv[1:] if part != "--restart")
-    return f"{reason}: isochrome {same}" if reason.endswith("to resume") else reason
 
 
 if __name__ == "__main__":
