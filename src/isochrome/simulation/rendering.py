@@ -210,7 +210,7 @@ def _block_order(scene: Scene, state: SceneState, pixels: PixelGrid) -> float | 
     if state.surface is None:
         return None
     added = specimen_model(scene).side_stress(scene, state.surface, pixels)
-    if added is None:
+    if not added:
         return None
     few = pixels.every(max(1, min(pixels.rows, pixels.cols) // 32))  # smooth: no pixel differs
     x, z = few.places

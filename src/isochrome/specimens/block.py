@@ -12,7 +12,6 @@ the correction bends the surface by its bending stress over Young's modulus, in 
 by 1e-4 of the cylinder's curvature.
 """
 
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -42,29 +41,23 @@ _WIDEST = 0.1
 """Largest half-width over the clearance: what is left out is below its square, 1 %."""
 
 
-@dataclass(frozen=True)
-class BlockSeries:
-    """A block's corrections: `unit`, for each of FORCES.
-
-    `misfit`, root mean square of the finite elements' stress less the series', over that stress.
-    """
-
-    unit: tuple[RegularStress, ...]
-    misfit: float
-
-
 class BlockModel(HalfPlane):
     """A half-plane with sides and a support."""
 
-    def side_stress(
-        self, scene: Scene, surface: SurfaceState, pixels: PixelGrid
-    ) -> RegularStress | None:
+    def side_stress(self, scene: Scene, surface: SurfaceState, pixels: PixelGrid) -> RegularStress:
         """What the block's sides and support add in one state.
 
         InputError: no scikit-fem, a pixel too far off. PhysicsError: a contact too wide for the
         block.
         """
-        sides = block_sides(scene)
+        specimen = scene.specimen
+        assert specimen.width_mm is not None and specimen.height_mm is not None
+        assert specimen.poisson is not None
+        left_mm = -0.5 * specimen.width_mm if specimen.left_mm is None else specimen.left_mm
+        sides = Sides(
+            left_mm, left_mm + specimen.width_mm, specimen.height_mm, specimen.poisson,
+            specimen.support == "sliding",
+        )  # fmt: skip
         # no more of the block is shown than its corrections hold for
         x1, x2, z1, z2 = map(abs, pixels.window)
         far = float(np.hypot(max(x1, x2), max(z1, z2)))
@@ -79,36 +72,26 @@ class BlockModel(HalfPlane):
         x, dx = surface.grid.x_mm, surface.grid.spacing_mm
         p, q = surface.pressure_mpa, surface.shear_mpa
         moments = (p.sum(), q.sum(), x @ p, x @ q)
-        unit = block_series(sides).unit
-        parts = (s.times(dx * float(m)) for s, m in zip(unit, moments, strict=True))
+        units = block_series(sides)
+        parts = (s.times(dx * float(m)) for s, m in zip(units, moments, strict=True))
         return sum(parts, NO_STRESS)
 
 
 MODEL = BlockModel()
 
 
-def block_sides(scene: Scene) -> Sides:
-    """The block of a scene."""
-    specimen = scene.specimen
-    assert specimen.width_mm is not None and specimen.height_mm is not None
-    assert specimen.poisson is not None
-    left_mm = -0.5 * specimen.width_mm if specimen.left_mm is None else specimen.left_mm
-    right_mm, sliding = left_mm + specimen.width_mm, specimen.support == "sliding"
-    return Sides(left_mm, right_mm, specimen.height_mm, specimen.poisson, sliding)
-
-
 @lru_cache(maxsize=8)
-def block_series(sides: Sides) -> BlockSeries:
-    """A block's corrections to a half-plane's stress, made once; InputError without scikit-fem."""
+def block_series(sides: Sides) -> tuple[RegularStress, ...]:
+    """A block's corrections to a half-plane's stress under each of FORCES, made once.
+
+    InputError without scikit-fem.
+    """
     reach = REACH * sides.clearance
-    sampled = corrections(sides, FORCES, within_mm=reach)
-    fitted = [_fitted(sample, reach) for sample in sampled]
-    unit, misfits = zip(*fitted, strict=True)
-    return BlockSeries(unit, max(misfits))
+    return tuple(_fitted(s, reach) for s in corrections(sides, FORCES, within_mm=reach))
 
 
-def _fitted(sample: Sampled, reach: float) -> tuple[RegularStress, float]:
-    """The power series of least squares over the Gauss points, and its relative misfit."""
+def _fitted(sample: Sampled, reach: float) -> RegularStress:
+    """The power series of least squares over the Gauss points."""
     x, z, weight = sample.x / reach, sample.z / reach, np.sqrt(sample.area)
 
     def weighted(difference: np.ndarray, trace: np.ndarray) -> np.ndarray:
@@ -120,5 +103,4 @@ def _fitted(sample: Sampled, reach: float) -> tuple[RegularStress, float]:
     wanted = weighted(stress.difference, stress.sigma_x + stress.sigma_z)
     coefficients = np.linalg.lstsq(matrix, wanted, rcond=None)[0]
     total = sum((m.times(c) for m, c in zip(modes, coefficients, strict=True)), NO_STRESS)
-    scaled = RegularStress(tuple(complex(s / reach**n) for n, s in enumerate(total.series)))
-    return scaled, float(np.linalg.norm(matrix @ coefficients - wanted) / np.linalg.norm(wanted))
+    return RegularStress(tuple(complex(s / reach**n) for n, s in enumerate(total.series)))

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.contact import SurfaceState
-from isochrome.scene import Scene
+from isochrome.scene import BODIES, Scene
 from isochrome.stress import (
     NO_STRESS,
     PixelGrid,
@@ -66,11 +66,22 @@ class SpecimenModel(ABC):
         """Stress (MPa) in a contact's specimen besides a half-plane's by the tractions."""
         return NO_STRESS
 
-    def side_stress(
-        self, scene: Scene, surface: SurfaceState, pixels: PixelGrid
-    ) -> RegularStress | None:
-        """What the sides add to a half-plane's stress under the same contact; None: no sides."""
-        return None
+    def side_stress(self, scene: Scene, surface: SurfaceState, pixels: PixelGrid) -> RegularStress:
+        """What the sides add to a half-plane's stress under the same contact."""
+        return NO_STRESS
+
+
+def centred(scene: Scene, pixels: PixelGrid) -> tuple[Floats, Floats]:
+    """Places (mm) that the pixels look at, from the middle of a specimen that is shown whole."""
+    x, z = pixels.places
+    return x, z - 0.5 * (scene.body_height_mm or 0.0)
+
+
+def sizes_of(scene: Scene) -> dict[str, float]:
+    """What the closed form of a scene's specimen asks of it, by the names of its arguments."""
+    keys = (*BODIES[scene.specimen.shape or ""].needs, "specimen.thickness_mm")
+    # only a contact's load varies with distance
+    return {"load_n": scene.load_at(0.0)} | {k.partition(".")[2]: scene.get(k) for k in keys}
 
 
 def specimen_model(scene: Scene) -> SpecimenModel:

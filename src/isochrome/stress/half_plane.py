@@ -454,28 +454,6 @@ def stress_trace(grid: FieldGrid, pressure_mpa: Floats, shear_mpa: Floats | None
     return np.ascontiguousarray(field.real)
 
 
-def components_on_grid(
-    grid: FieldGrid,
-    pressure_mpa: Floats,
-    shear_mpa: Floats | None = None,
-    *,
-    regular: RegularStress = NO_STRESS,
-) -> StressComponents:
-    """All three stress components on the pixels: the principal stresses apart.
-
-    Of tractions (n,) at the nodes, and a stress besides the contact's; (rows, cols) in the grid's
-    precision, zero above the surface.
-    """
-    difference = stress_difference(grid, pressure_mpa, shear_mpa)
-    trace = stress_trace(grid, pressure_mpa, shear_mpa)
-    if regular:
-        material = slice(grid.bands[0].rows.start if grid.bands else grid.pixels.rows, None)
-        x, z = grid.pixels.x_mm[None, :], grid.pixels.z_mm[material, None]
-        difference[material] += regular.difference(x, z).astype(difference.dtype)
-        trace[material] += regular.trace(x, z).astype(trace.dtype)
-    return StressComponents.from_invariants(difference, trace)
-
-
 def _empty_field(grid: FieldGrid) -> StressDifference:
     """A field that is zero above the surface, and yet to be filled below."""
     field = np.empty((grid.pixels.rows, grid.pixels.cols), dtype=grid.dtype)
