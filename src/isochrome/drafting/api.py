@@ -284,7 +284,7 @@ def draft_contact(frames: FrameReader, given: KnownValues) -> SceneDraft:
     check_pixel(scene, frames.shape)
     index, lying, answer = _first_explained(frames, scene, given)
     fit, messages = answer.fit, cause_messages(answer, light=light_matters(answer))
-    if fit.chi > POOR_CHI:
+    if answer.fit.chi > POOR_CHI:
         messages += (message("chi_frame_holds_more", chi=fit.chi),)
     values = _found_values(lying, answer, given)
     sentences = [

@@ -47,7 +47,7 @@ PICTURES = (
 """How files of pictures and videos begin."""
 
 MAX_BYTES = 1_000_000
-"""A settings file of over a megabyte is not one."""
+"""A settings file, or a request to the set-up page, of over a megabyte is not one."""
 
 
 SceneLike = str | Path | Scene | Mapping[str, Any]

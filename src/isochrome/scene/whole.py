@@ -161,15 +161,15 @@ class Scene(ScenePart):
             raise ValueError(message("load_normal_n_table_over"))
         if isinstance(load.normal_n, DistanceTable) and load.tangential_n is not None:
             raise ValueError(message("load_normal_n_table_over_sliding"))
-        if load.tangential_n is not None:
+        if (tangential_n := load.tangential_n) is not None:
             if self.friction is None:
                 raise ValueError(message("load_tangential_n_needs_friction"))
             if self.wear is not None:
                 raise ValueError(message("load_tangential_n_stuck_contact"))
-            held, given = abs(self.friction_at(0.0)) * self.load_at(0.0), load.tangential_n
-            if abs(given) > held:
-                more = message("load_tangential_n_more_friction", tangential_n=given, held=held)
-                raise ValueError(more)
+            held = abs(self.friction_at(0.0)) * self.load_at(0.0)
+            if abs(tangential_n) > held:
+                values = {"tangential_n": tangential_n, "held": held}
+                raise ValueError(message("load_tangential_n_more_friction", **values))
         inner, outer = load.inner_span_mm or 0.0, load.outer_span_mm or 0.0
         if self.specimen.shape == "beam" and inner >= outer:
             raise ValueError(message("load_inner_span_mm_must_less", inner=inner, outer=outer))

@@ -10,19 +10,10 @@ from .edits import (
     surface_roll,
     without_model,
 )
-from .server import (
-    MOST_BYTES,
-    ClickPreview,
-    SetupServer,
-    fit_answer,
-    open_session,
-    order_map_of_points,
-    setup,
-)
+from .server import ClickPreview, SetupServer, fit_answer, open_session, order_map_of_points, setup
 from .session import LiveModel, SetupSession, calibration_answer
 
 __all__ = [
-    "MOST_BYTES",
     "ClickPreview",
     "LiveModel",
     "SetupServer",

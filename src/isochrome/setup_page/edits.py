@@ -390,15 +390,13 @@ def _set_region(session: SetupSession, request: Request) -> None:
     values |= {f"camera.{key}": new[key] for key in sides}
     if scene.frames.polygon_px is not None:
         values["frames.polygon_px"] = moved(scene.frames.polygon_px, down, right)
-    shift = {"top_px": -down, "left_px": -right}
     known = known_on_picture(scene, 0, 0)
 
     def edit(text: str) -> str:
         text = set_values(text, values)
         for key, items in known.items():
             if items:
-                tables = order_tables if key == "known_order" else line_tables
-                text = with_table_list(text, f"frames.{key}", tables(items, shift))
+                text = with_table_list(text, f"frames.{key}", known_tables(key, items, down, right))
         if place is not None:  # a lens looks from the new middle
             text = set_values(text, values_of_place(session.pixels(session.scene(text)), place))
         return text
@@ -413,35 +411,29 @@ def _in_region(region: Roi, points: Sequence[Sequence[float]]) -> list[list[floa
 
 def _set_known(session: SetupSession, request: Request, key: str) -> None:
     """Known points, known lines, or free edges, whose order the fringes that meet them tell."""
-    corner = session.region(session.scene()).model_dump()
-    if key == "known_order":
-        tables = order_tables(request["points"], corner)
-    else:
-        tables = line_tables(request["lines"], corner)
+    region = session.region(session.scene())
+    items = request["points" if key == "known_order" else "lines"]
+    tables = known_tables(key, items, -region.top_px, -region.left_px)
     session.change(lambda text: with_table_list(text, f"frames.{key}", tables))
 
 
-def order_tables(points: Sequence[Request], shift: Mapping[str, int]) -> list[dict[str, Any]]:
-    """Known points of the picture as the scene writes them: whole pixels of its region."""
+def known_tables(
+    key: str, items: Sequence[Request], down: float, right: float
+) -> list[dict[str, Any]]:
+    """Known points, lines or free edges of the picture, moved by px, as the scene has them."""
+    if key == "known_order":  # on whole pixels
+        return [
+            {"row_px": round(one["row"]) + down, "col_px": round(one["col"]) + right}
+            | {"order": float(one["order"])}
+            | ({"extremum": one["extremum"]} if one.get("extremum") else {})
+            for one in items
+        ]
+    places = [moved(one["points"], down, right) for one in items]
     return [
-        {
-            "row_px": round(point["row"]) - shift["top_px"],
-            "col_px": round(point["col"]) - shift["left_px"],
-            "order": float(point["order"]),
-        }
-        | ({"extremum": point["extremum"]} if point.get("extremum") else {})
-        for point in points
+        {"row_px": [row for row, _ in at], "col_px": [col for _, col in at]}
+        | ({"order": float(one["order"])} if "order" in one else {})
+        for one, at in zip(items, places, strict=True)
     ]
-
-
-def line_tables(lines: Sequence[Request], shift: Mapping[str, int]) -> list[dict[str, Any]]:
-    """Known lines as the scene writes them, see `order_tables`."""
-    tables = []
-    for line in lines:
-        points = moved(line["points"], -shift["top_px"], -shift["left_px"])
-        table = {"row_px": [row for row, _ in points], "col_px": [col for _, col in points]}
-        tables.append(table | ({"order": float(line["order"])} if "order" in line else {}))
-    return tables
 
 
 TOOLS: Mapping[str, Callable[[SetupSession, Request], None]] = {

@@ -42,6 +42,7 @@ from isochrome.processing import (
 from isochrome.reporting import assemble_page, content_policy
 from isochrome.scene import (
     LIBRARY,
+    MAX_BYTES,
     Roi,
     Scene,
     parse_toml,
@@ -177,15 +178,16 @@ class ClickPreview:
         part's patches as `rows`, `cols`, `levels` (`order_map_of_points`), and the `revision`.
         """
         session, revision = self._session, self._session.revision
-        corner = session.region(session.scene_or_none()).model_dump()
+        region = session.region(session.scene_or_none())
+        corner = region.top_px, region.left_px
         tables: dict[str, list[dict[str, Any]]] = {}
         at, on_line = request.get("at"), request.get("on_line") is True
         with edits.refused_as_asked("preview"):
             if at is not None:
                 row, col = (float(place) for place in at)
-                at = row - corner["top_px"], col - corner["left_px"]
-                tables["known_order"] = edits.order_tables(request["points"], corner)
-                tables["known_line"] = edits.line_tables(request["lines"], corner)
+                at = row - corner[0], col - corner[1]
+                for key, asked in (("known_order", "points"), ("known_line", "lines")):
+                    tables[key] = edits.known_tables(key, request[asked], -corner[0], -corner[1])
         try:
             with self._lock:
                 answer = self._found(index, at, tables, on_line)
@@ -255,9 +257,6 @@ def _nothing(words: str) -> dict[str, Any]:
 
 
 ADDRESS = "127.0.0.1"
-
-MOST_BYTES = 1_000_000
-"""Of a request's body: a scene's text with room to spare."""
 
 _IDLE_S = 60.0
 """Seconds that a connection may say nothing."""
@@ -433,8 +432,8 @@ class _Handler(BaseHTTPRequestHandler):
         stated = self.headers.get_all("Content-Length") or []
         if len(stated) != 1 or not (stated[0].isascii() and stated[0].isdigit()):
             raise _Refused(HTTPStatus.LENGTH_REQUIRED, "send_one_content_length")
-        if len(stated[0]) > 12 or int(stated[0]) > MOST_BYTES:
-            raise _Refused(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, "bytes_most", most_bytes=MOST_BYTES)
+        if len(stated[0]) > 12 or int(stated[0]) > MAX_BYTES:
+            raise _Refused(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, "bytes_most", most_bytes=MAX_BYTES)
         if (self.headers.get_content_type()) != "application/json":
             raise _Refused(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, "send_application_json")
         try:

@@ -386,9 +386,6 @@ _LOAD_IN_NAME = re.compile(r"(?<![0-9A-Za-z.,])([0-9]+(?:[.,][0-9]+)?)[ _-]?N(?!
 
 _GAMMA = "frames.gamma"
 
-_TURN = 73
-"""Points of a circle as the page draws it."""
-
 
 class SetSession(SetupSession):
     """A calibration set of a bending or diametral specimen that is being set up on its images.
@@ -496,8 +493,8 @@ def _cut(image: NDArray[Any], region: Roi) -> NDArray[Any]:
 
 
 def _ring(row: float, col: float, radius: float) -> list[list[float]]:
-    """A circle's points."""
-    turn = np.linspace(0.0, 2.0 * np.pi, _TURN)
+    """A circle's points, each five degrees."""
+    turn = np.radians(np.arange(0.0, 361.0, 5.0))
     away = radius * np.stack([np.sin(turn), np.cos(turn)], 1)
     ring: list[list[float]] = (np.array([row, col]) + away).tolist()
     return ring

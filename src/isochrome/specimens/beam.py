@@ -4,7 +4,7 @@ import numpy as np
 
 from isochrome.reference import beam_stress
 from isochrome.scene import Scene
-from isochrome.specimens.interface import Acting, Floats, SpecimenModel, centred, sizes_of
+from isochrome.specimens.interface import Acting, Floats, SpecimenModel, centred, form_sizes
 from isochrome.stress import PixelGrid, ShearPeak, StressComponents
 
 
@@ -15,7 +15,7 @@ class BeamModel(SpecimenModel):
 
     def components(self, scene: Scene, surface: Acting, pixels: PixelGrid) -> StressComponents:
         """sigma_x alone; NaN outside the inner span too, where bending is not pure."""
-        (x, eta), sizes = centred(scene, pixels), sizes_of(scene)
+        (x, eta), sizes = centred(scene, pixels), form_sizes(scene)
         inside = np.where(np.abs(x) <= 0.5 * sizes["inner_span_mm"], 1.0, np.nan)
         sigma_x = beam_stress(eta, **sizes) * inside
         nothing = np.where(np.isfinite(sigma_x), 0.0, np.nan)
@@ -25,7 +25,7 @@ class BeamModel(SpecimenModel):
         self, scene: Scene, surface: Acting, difference: Floats, pixels: PixelGrid
     ) -> ShearPeak:
         """Bending is linear over the height: the largest is at an end of what is in view."""
-        sizes = sizes_of(scene)
+        sizes = form_sizes(scene)
         _, _, top, bottom = pixels.window
         ends = np.array([max(top, 0.0), min(bottom, sizes["height_mm"])])
         shear = 0.5 * np.abs(beam_stress(ends - 0.5 * sizes["height_mm"], **sizes))

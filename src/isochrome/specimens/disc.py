@@ -6,7 +6,7 @@ import numpy as np
 
 from isochrome.reference import StressComponents, disc_stress
 from isochrome.scene import Scene
-from isochrome.specimens.interface import Acting, Floats, Mask, SpecimenModel, centred, sizes_of
+from isochrome.specimens.interface import Acting, Floats, Mask, SpecimenModel, centred, form_sizes
 from isochrome.stress import PixelGrid
 
 EDGE = 0.06
@@ -22,7 +22,7 @@ class DiscModel(SpecimenModel):
 
     def components(self, scene: Scene, surface: Acting, pixels: PixelGrid) -> StressComponents:
         """Stress components in closed form."""
-        return self.formula(*centred(scene, pixels), **sizes_of(scene))
+        return self.formula(*centred(scene, pixels), **form_sizes(scene))
 
     def trusted(self, scene: Scene, pixels: PixelGrid, hidden_mm: float) -> Mask:
         """Without the outermost 6 % and without 0.3 R about the loads, which are no points."""

@@ -77,7 +77,7 @@ def centred(scene: Scene, pixels: PixelGrid) -> tuple[Floats, Floats]:
     return x, z - 0.5 * (scene.body_height_mm or 0.0)
 
 
-def sizes_of(scene: Scene) -> dict[str, float]:
+def form_sizes(scene: Scene) -> dict[str, float]:
     """What the closed form of a scene's specimen asks of it, by the names of its arguments."""
     keys = (*BODIES[scene.specimen.shape or ""].needs, "specimen.thickness_mm")
     # only a contact's load varies with distance

@@ -3,7 +3,7 @@
 from isochrome.reference import ring_stress
 from isochrome.scene import Scene
 from isochrome.specimens.disc import EDGE, LOAD, DiscModel, away_from_edges
-from isochrome.specimens.interface import Mask, sizes_of
+from isochrome.specimens.interface import Mask, form_sizes
 from isochrome.stress import PixelGrid
 
 _WALL = 0.2, 0.6
@@ -17,7 +17,7 @@ class RingModel(DiscModel):
 
     def trusted(self, scene: Scene, pixels: PixelGrid, hidden_mm: float) -> Mask:
         """Without margins at both edges, and without the loads, which are no points."""
-        sizes = sizes_of(scene)
+        sizes = form_sizes(scene)
         hole = sizes["hole_mm"] / sizes["diameter_mm"]
         edge, load = (min(s, w * (1.0 - hole)) for s, w in zip((EDGE, LOAD), _WALL, strict=True))
         away, trusted = away_from_edges(scene, pixels, edge, load)

@@ -51,7 +51,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _SHOWN = 4
-_WIDE = 1.96
 
 
 def tractions_figure(
@@ -92,7 +91,7 @@ def _draw_tractions(ax: Axes, one: Tractions, scene: Scene, title: str) -> None:
             surface.grid.x_mm, model, color=colour, lw=LINE_PT, ls="--", label=f"{label}, model"
         )
         for i, j in node_runs(np.ones(len(one.x_mm), bool), one.x_mm):
-            x, p, u = one.x_mm[i:j], values[i:j], _WIDE * spread[i:j]
+            x, p, u = one.x_mm[i:j], values[i:j], 1.96 * spread[i:j]  # 95 %
             ax.fill_between(x, p - u, p + u, color=colour, alpha=0.25, lw=0)
             ax.plot(x, p, color=colour, lw=BOLD_PT, label=label if i == 0 else None)
     ax.axhline(0.0, color=INK, lw=FINE_PT)

@@ -433,25 +433,6 @@ def invert_tractions(data: FrameData, *scenes: Scene, free_top: bool = False) ->
     if scene.frames.stated_gamma != data.gamma:
         data = data.toned(scene.frames.stated_gamma)
     stage = invert(data, scene, free_top=free_top)
-    return _result(stage, data, search)
-
-
-def nearest_contacts(data: FrameData, scene: Scene) -> tuple[Settled, ...]:
-    """What deep fringes may have come from: the scene's contact, and a smooth stress."""
-    scene = placed(scene, data.shape)
-    scene = scene.with_values({key: scene.get(key) or 0.0 for key in SMOOTH_KEYS})
-    forces = [key for key in free_keys(scene) if key.split(".")[0] != "camera"]
-    return search_frame(data, scene, (*forces, *SMOOTH_KEYS))
-
-
-def refuse_without_contact(scene: Scene) -> None:
-    """Raise InputError where a scene has no contact on whose surface tractions could act."""
-    if scene.indenter is None:
-        raise InputError("tractions_act_surface_contact", name=scene.name)
-    refuse_bent(scene, message("inverted_tractions_leave_out"))
-
-
-def _result(stage: Stage, data: FrameData, search: tuple[Settled, ...]) -> Tractions:
     model, values = stage.model, stage.fit.values
     scene, n, m = stage.scene, len(model.nodes_mm), FRICTION_LIMIT
     pressure, shear = model.tractions(values)
@@ -472,6 +453,21 @@ def _result(stage: Stage, data: FrameData, search: tuple[Settled, ...]) -> Tract
         scene=scene, surface=stage.surface, pixels=pixel_grid(scene, data.shape), chi=stage.chi,
         regularisation=model.strength, warnings=what_to_say(stage, search, load),
     )  # fmt: skip
+
+
+def nearest_contacts(data: FrameData, scene: Scene) -> tuple[Settled, ...]:
+    """What deep fringes may have come from: the scene's contact, and a smooth stress."""
+    scene = placed(scene, data.shape)
+    scene = scene.with_values({key: scene.get(key) or 0.0 for key in SMOOTH_KEYS})
+    forces = [key for key in free_keys(scene) if key.split(".")[0] != "camera"]
+    return search_frame(data, scene, (*forces, *SMOOTH_KEYS))
+
+
+def refuse_without_contact(scene: Scene) -> None:
+    """Raise InputError where a scene has no contact on whose surface tractions could act."""
+    if scene.indenter is None:
+        raise InputError("tractions_act_surface_contact", name=scene.name)
+    refuse_bent(scene, message("inverted_tractions_leave_out"))
 
 
 def what_to_say(stage: Stage, search: tuple[Settled, ...], load: Measured) -> tuple[str, ...]:
