@@ -87,10 +87,7 @@ class Finished:
 def command(
     name: str, *tables: Options, text: str | None = None
 ) -> Callable[[Callable[..., Finished]], Callable[..., Finished]]:
-    """Add the command of a function: its own arguments, --out, the options of tables, --json.
-
-    It computes; what it gives is printed here, and what else was asked for is left beside it.
-    """
+    """Add a function's command, with --out, the options of tables, --json; print what it gives."""
     group, _, word = name.rpartition(" ")
 
     def add(function: Callable[..., Finished]) -> Callable[..., Finished]:

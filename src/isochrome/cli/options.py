@@ -202,10 +202,7 @@ PROCESS: Options = {
 def parameters(
     given: Iterable[inspect.Parameter], out: Path | None, tables: Iterable[Options]
 ) -> list[inspect.Parameter]:
-    """What a command takes: a function's own arguments, the folder, the tables' options, --json.
-
-    A flag is off and all else is None where it is not given.
-    """
+    """A function's own arguments, --out, the tables' options (off or None by default), --json."""
     kind = inspect.Parameter.POSITIONAL_OR_KEYWORD
     place = [] if out is None else [inspect.Parameter("out", kind, default=out, annotation=Out)]
     options = [
@@ -229,10 +226,7 @@ _MM = {"cm": 10.0, "in": 25.4}
 
 
 def take_extras(options: dict[str, Any]) -> Callable[[Any, Path], list[str]]:
-    """Take the options of a paper's figure and Excel's tables out of a command's, before its work.
-
-    Gives what writes both, of a result into a folder, and then names the files of the figure.
-    """
+    """Take a paper's figure and Excel's tables out of a command's options: what writes both."""
     style = take_style(options) if "width" in options else None
     has_tables, form = "tables" in options, options.pop("tables", None)
     if form not in (None, "excel"):

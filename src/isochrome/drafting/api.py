@@ -88,10 +88,7 @@ Floats = NDArray[np.floating]
 
 
 def draft_figure(data: FrameData, scene: Scene, values: Sequence[DraftValue]) -> Figure:
-    """Draw a frame beside what a scene says of it, its surface and middle over both.
-
-    The `data` are the frame as the scene, of one state, takes it.
-    """
+    """Draw a frame, as a scene of one state takes it, beside the scene's fringes."""
     model_frame = evaluate_model(data, scene)
     light = model_frame.background + model_frame.illumination * np.nan_to_num(model_frame.signal(1))
     stored = np.maximum(light, 0.0) ** (1.0 / scene.frames.stated_gamma)
@@ -138,10 +135,7 @@ _RIM = 0.03
 
 
 def has_no_fringes(data: FrameData) -> bool:
-    """Tell whether a prepared frame is smooth light: no pixel lies far from a polynomial.
-
-    A frame with texture, dust or an edge in it is never taken for one.
-    """
+    """Whether a frame is smooth light; one with texture, dust or an edge is never taken for one."""
     rows, cols = (math.ceil(_RIM * n) for n in data.shape)
     inner = np.zeros(data.shape, dtype=bool)
     inner[rows:-rows, cols:-cols] = data.valid[rows:-rows, cols:-cols]
@@ -302,10 +296,7 @@ def draft_contact(frames: FrameReader, given: KnownValues) -> SceneDraft:
 def _first_explained(
     frames: FrameReader, scene: Scene, given: KnownValues
 ) -> tuple[int, Lying, Freed[Any]]:
-    """The number of the first frame that a contact explains, and that contact, see `find_contact`.
-
-    Else what was said of the first frame that shows fringes is raised.
-    """
+    """The first frame that a contact explains, and that; else the first refusal with fringes."""
     refused: IsochromeError | None = None
     bare: list[Frame] = []
     for index in frames_to_look_at(frames, given):
@@ -360,10 +351,7 @@ def _found_values(lying: Lying, answer: Freed[Any], given: KnownValues) -> list[
 def fitted_values(
     fit: FrameFit, notes: Mapping[str, str], given: KnownValues, lying: Lying
 ) -> list[DraftValue]:
-    """What a fit tells, each key with its note, and how the picture is taken where that was found.
-
-    A key without a note is one that the frame asks for besides.
-    """
+    """What a fit tells, and how the picture lies; a key without a note the frame asks for."""
     spread = dict(zip(fit.keys, fit.standard_uncertainty.tolist(), strict=True))
     notes = {GAMMA: "the camera stores light^(1/gamma)"} | dict(notes)
     values = [

@@ -184,10 +184,7 @@ class FringeWave:
 def polariscope_wave(
     order: Array, chain: Chain, *, direction: Array | None = None, visibility: Array | float = 1.0
 ) -> FringeWave:
-    """The light behind the analyser near an order, as `polariscope_signal` has it at the order.
-
-    What a band of wavelengths does is taken there: it changes little within a branch.
-    """
+    """The light near an order; what a band of wavelengths does changes little within a branch."""
     # in place: a fresh array of a frame costs more than the arithmetic on it
     turns = np.asarray(np.rint(order))
     np.subtract(order, turns, out=turns)
@@ -347,10 +344,7 @@ def _sinc(x: Array) -> Array:
 
 
 def _slope(order: Array, axis: int) -> Array:
-    """Fringes a pixel along an axis: the mean of the differences to the neighbours with an order.
-
-    An edge of the specimen is so no fringe; 0 where there is neither neighbour.
-    """
+    """Fringes a pixel along an axis, of the neighbours with an order: an edge is no fringe."""
     if order.shape[axis] < 2:
         return np.zeros_like(order)
     slope = np.empty_like(order)  # central differences, one-sided at the borders
@@ -413,10 +407,7 @@ _VISIBLE = 1e-3
 
 
 def highest_visible(order: Array, visibility: Array | float = 1.0) -> float:
-    """The highest order N of a picture that leaves a thousandth of its contrast or more, or 0.
-
-    Beside a point load N has no bound, and no fringes either.
-    """
+    """The highest order that leaves a thousandth of its contrast: at a load N has no bound."""
     return float(np.max(order, where=np.asarray(visibility) > _VISIBLE, initial=0.0))
 
 

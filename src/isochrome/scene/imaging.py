@@ -139,11 +139,7 @@ OverDistance = Annotated[
 
 
 def value_at(value: float | DistanceTable, distance_m: Distance) -> Distance:
-    """A number, or a table's linear interpolation at a distance (m), constant beyond its ends.
-
-    Of any shape. A search puts an array of its own rows for the number, and asks at as many
-    distances.
-    """
+    """A number, or a table's linear interpolation at a distance (m), of any shape."""
     at_distance: Any
     if isinstance(value, DistanceTable):
         at_distance = np.interp(distance_m, value.distance_m, value.value)

@@ -209,10 +209,7 @@ def scene_names() -> list[str]:
 
 
 def read_text(path: Path) -> str:
-    """Text of a settings file, without the mark that some editors begin UTF-8 with.
-
-    InputError where it is missing, too large or not UTF-8.
-    """
+    """Text of a settings file without a byte order mark; InputError: too large, no UTF-8."""
     try:
         with open(path, "rb") as file:
             head = file.read(16)
@@ -316,10 +313,7 @@ def with_table_list(
 def with_list_value(
     text: str, key: str, place: int, entry: str, value: Any, *, name: str = "scene"
 ) -> str:
-    """TOML text with an entry of one of a list's tables, such as load_n of the first [[image]].
-
-    InputError where no edit does only that.
-    """
+    """TOML text with one value of a list's tables set; InputError where no edit does only that."""
     wanted = parse_toml(text, name)
     wanted[key][place][entry] = value
 
@@ -380,10 +374,7 @@ def _edited(
 def _set(
     document: TOMLDocument, path: tuple[str, str], written: str, comment: str, mark: str
 ) -> str:
-    """Set a value where its key stands, or else on top of its table; returns a table to be added.
-
-    An inline table is one value, whose line the comment stands on.
-    """
+    """Set a value where its key stands, or on top of its table; returns a table to be added."""
     import tomlkit
     from tomlkit.items import AoT, InlineTable, Table
 
@@ -415,10 +406,7 @@ def _set_list(
     stay: Sequence[Mapping[str, Any]],
     entries: Sequence[Mapping[str, Any]],
 ) -> str:
-    """Set a list's tables, of which the first may stay as they are written; if none does, all go.
-
-    Returns tables to be added.
-    """
+    """Set a list's tables, of which the first may stay as they are; returns tables to be added."""
     import tomlkit
     from tomlkit.items import AoT, Whitespace
 
@@ -462,10 +450,7 @@ def _take_out(document: TOMLDocument, path: Sequence[str]) -> None:
 def _places(
     body: Body, path: Sequence[str], line: Item | None = None
 ) -> Iterator[tuple[Body, int, Item | None]]:
-    """Where a name stands, or each part of its table.
-
-    As the body that holds it, the place in that, and the inline table whose line it is on.
-    """
+    """Where a name stands: its body, the place there, and the inline table on whose line."""
     from tomlkit.items import InlineTable, Table
 
     for at, (key, item) in enumerate(body):

@@ -89,10 +89,7 @@ def split_uncertainties(
 
 
 def plain_value(key: str, value: Mapping[str, Any]) -> tuple[Any, float]:
-    """A measured number, not checked yet, and its standard uncertainty from their form in a file.
-
-    ValueError for a form that is not allowed.
-    """
+    """A measured number, not checked yet, and its uncertainty; ValueError: another form."""
     if set(value) != {VALUE, SPREAD}:
         raise ValueError(
             message("not_allowed_measured_number", key=key, dict=dict(value), form=_FORM)

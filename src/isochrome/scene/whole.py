@@ -168,8 +168,9 @@ class Scene(ScenePart):
                 raise ValueError(message("load_tangential_n_stuck_contact"))
             held = abs(self.friction_at(0.0)) * self.load_at(0.0)
             if abs(tangential_n) > held:
-                values = {"tangential_n": tangential_n, "held": held}
-                raise ValueError(message("load_tangential_n_more_friction", **values))
+                raise ValueError(
+                    message("load_tangential_n_more_friction", tangential_n=tangential_n, held=held)
+                )
         inner, outer = load.inner_span_mm or 0.0, load.outer_span_mm or 0.0
         if self.specimen.shape == "beam" and inner >= outer:
             raise ValueError(message("load_inner_span_mm_must_less", inner=inner, outer=outer))
@@ -399,10 +400,7 @@ def check_pixel(scene: Scene, shape: tuple[int, int] | None) -> None:
 
 
 def check_moduli(scene: Scene) -> None:
-    """Refuse a Young's modulus that no solid has, over 1000 GPa, before any work.
-
-    Where frames are at hand, a fit tells whether another unit explains them; this is for the rest.
-    """
+    """Refuse a Young's modulus that no solid has, over 1000 GPa, where no fit tells its unit."""
     bodies = {"specimen.young_gpa": scene.specimen, "indenter.young_gpa": scene.indenter}
     for key, body in bodies.items():
         young = body.young_gpa if body else None

@@ -75,10 +75,7 @@ def seen_at(pixels: PixelGrid, x_mm: float, z_mm: float) -> Point:
 
 
 def surface_roll(first: Point, second: Point) -> float:
-    """The camera's roll, degrees counter-clockwise, from two points (row, col) on the surface.
-
-    InputError where they are one above the other, or the surface is turned by over 45 degrees.
-    """
+    """The camera's roll, degrees counter-clockwise, by two points; InputError beyond 45."""
     first_end, second_end = sorted((first, second), key=lambda point: point[1])
     across, down = second_end[1] - first_end[1], second_end[0] - first_end[0]
     if across < _NEAREST_PX or abs(down) > across:
@@ -94,10 +91,7 @@ def on_line(first: Point, second: Point, col: float) -> float:
 
 
 def session_state(session: SetupSession) -> dict[str, Any]:
-    """How a scene stands: its text and values, and where its parts lie in the picture.
-
-    Plain values, as the page takes them; places are (row, col) of the whole picture.
-    """
+    """How a scene stands, as plain values; places are (row, col) of the whole picture."""
     scene = session.scene_or_none()
     reader, region = session.reader(scene), session.region(scene)
     rows, cols = reader.shape
@@ -205,10 +199,7 @@ def new_scene_text(kind: str, values: Mapping[str, Any], no_load: Mapping[str, s
 
 
 def without_model(scene: Scene, text: str) -> Scene:
-    """A scene without its model: what remains is read from the image alone.
-
-    InputError where the text's layout cannot be edited.
-    """
+    """A scene without its model, read from the image alone; InputError: text not editable."""
     if not scene.has_model:
         return scene
     for part in _OF_A_MODEL:
@@ -237,10 +228,7 @@ Request = Mapping[str, Any]
 
 
 def set_values(text: str, values: Mapping[str, Any]) -> str:
-    """A scene's text with some values by its keys; None takes a key out.
-
-    The ± of a set's scale goes with the scale that it was stated for.
-    """
+    """A scene's text with values by its keys; None takes one out, and a ± goes with its scale."""
     if _PIXEL in values and _PIXEL_SPREAD not in values:
         text = without_value(text, _PIXEL_SPREAD)
     for key, value in values.items():

@@ -157,10 +157,7 @@ def shown_orders(order: NDArray[np.floating]) -> NDArray[np.uint8]:
 
 
 class ClickPreview:
-    """What a point or line of known order would do to the map of a frame, before it is set.
-
-    The frame that was asked of last stays followed, so that each place is answered at once.
-    """
+    """What a known point or line would do to a map; the frame last asked of stays followed."""
 
     def __init__(self, session: SetupSession) -> None:
         self._session = session
@@ -648,10 +645,7 @@ def open_session(
     *,
     calibration: str | None = None,
 ) -> SetupSession:
-    """Open the frames, and the scene or calibration set where there is one, as for `setup`.
-
-    The file of a calibration set is taken for frames too.
-    """
+    """Open the frames, and the scene or set where there is one; a set names its frames."""
     if calibration is not None and calibration not in SUBJECTS:
         raise InputError(
             "calibration_none_name_one", calibration=calibration, subjects=", ".join(SUBJECTS)
@@ -671,10 +665,7 @@ def open_session(
 def _session_of(
     given: str | Path | tuple[str | Path, ...], place: Path, calibration: str | None
 ) -> SetupSession:
-    """The session on a scene's or set's file, which may not be there yet; its line ends stay.
-
-    It is a set's where the text is one, or is to be one.
-    """
+    """The session on a scene's or set's file, there or not yet; its line ends stay."""
     if place.is_dir() or not place.parent.is_dir():
         raise InputError("scene_cannot_written_there", place=place)
     text, saved = "", place.is_file()

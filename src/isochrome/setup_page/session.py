@@ -176,10 +176,7 @@ class SetupSession:
         return sorted(f.name for f in files if f.is_file() and not f.name.startswith("."))
 
     def left_out(self, scene: Scene | None) -> tuple[Path, ...]:
-        """The files of a folder of frames that are none of them: those that `scene` names.
-
-        Before there is a scene, the files that look like no-load frames by their names.
-        """
+        """Files of a folder that `scene` names; without one, no-load frames by their names."""
         if not (isinstance(self.frames, str | Path) and Path(self.frames).is_dir()):
             return ()
         if scene is not None:
@@ -192,11 +189,7 @@ class SetupSession:
         return self.reader(scene).count(decode=False)
 
     def scene(self, text: str | None = None) -> Scene:
-        """The scene of a text, by default the page's own.
-
-        InputError where it is none, or names a file that is neither beside the frames nor was in
-        the scene at first.
-        """
+        """The scene of a text, by default the page's own; InputError: a file not beside it."""
         text = self.text if text is None else text
         if not text.strip():
             raise InputError("there_no_scene_yet")
@@ -242,10 +235,7 @@ class SetupSession:
         return None
 
     def read_again(self) -> None:
-        """Take the file's scene where another program has changed it; undo takes it back.
-
-        A text that is no scene is left alone: `save` refuses to write over it.
-        """
+        """Take the file's scene where another program has changed it, if it is one."""
         with self._lock:
             data = self._read_file()
             if data is None or data == self._file_bytes:
@@ -257,11 +247,7 @@ class SetupSession:
                 self._file_bytes, self._saved_text = data, text
 
     def save(self) -> None:
-        """Write the scene, whole or not at all.
-
-        Raises InputError where it cannot be written, or where the file is no longer the one that
-        was read or saved last.
-        """
+        """Write the scene whole; InputError where the file is not the one read or saved last."""
         with self._lock:
             self.check_complete()
             if self._read_file() not in (None, self._file_bytes):
@@ -324,11 +310,7 @@ class SetupSession:
         return pixel_grid(scaled, (region.height_px, region.width_px))
 
     def live(self, index: int, values: Mapping[str, float]) -> tuple[NDArray[np.uint8], Roi]:
-        """The model's fringes of a frame's state as grey levels (rows, cols) of the region, and it.
-
-        `values` by the scene's keys stand in place of its own. They are as bright as the picture
-        that they lie over.
-        """
+        """The model's fringes, as bright as the frame, as grey levels of the region, and it."""
         with self._lock:
             scene, key = self.scene(), (self.revision, index)
             region = self.region(scene)
@@ -527,10 +509,7 @@ def _loads_in(images: Iterable[Mapping[str, Any]]) -> Any:
 
 
 def with_loads(text: str, names: Sequence[str], loads: Sequence[float | None]) -> str:
-    """A set's TOML text with its images' loads, N; comments stay where the images do.
-
-    None: an image that is not of the set. InputError where the text's layout cannot be edited.
-    """
+    """A set's text with its images' loads, N; None: not of the set; comments stay."""
     wanted = {n: load for n, load in zip(names, loads, strict=True) if load is not None}
     images_before = parse_toml(text, "set").get("image", [])
     loads_before = _loads_in(images_before)

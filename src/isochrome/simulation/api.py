@@ -108,10 +108,7 @@ _NO_BUDGET = (
 
 
 def simulation_report(folder: Path, scene: Scene, record: Mapping[str, Any]) -> ReportContent:
-    """What the report of a simulation in a folder says; frames are read of the few that it shows.
-
-    `record` is provenance.json. OSError, ValueError or KeyError where a file cannot be read.
-    """
+    """What a simulation's report says. OSError, ValueError or KeyError: a file is not as it was."""
     history = read_csv(folder / HISTORY)
     count = len(history["state"])
     frames = _frames(folder, scene, history)

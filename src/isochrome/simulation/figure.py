@@ -61,10 +61,7 @@ def stress_kinds(pixels: PixelGrid, items: Sequence[Rendered]) -> list[PictureKi
 def _draw_stress(
     axes: Axes, item: Rendered, image: np.ndarray, pixels: PixelGrid, limit: float
 ) -> AxesImage:
-    """A map, red in tension and blue in compression, with its marks.
-
-    A cross where the shear is largest; carets at the edges of contact, where in view.
-    """
+    """A map, red in tension, a cross at the largest shear, carets at the contact's edges."""
     look: dict[str, Any] = {"cmap": DIFFERENCE_MAP, "vmin": -limit, "vmax": limit}
     shown = show_image(axes, image, **look, **pixels.scale)
     assert item.components is not None

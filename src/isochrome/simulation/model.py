@@ -104,10 +104,7 @@ def scene_states(scene: Scene) -> list[SceneState]:
 
 
 def iter_scene_states(scene: Scene) -> Iterator[SceneState]:
-    """The states of `scene_states`, each solved when it is asked for.
-
-    InputError at once, where the scene has no model; PhysicsError as they come.
-    """
+    """The states of `scene_states`, each solved when it is asked for; InputError at once."""
     model = required_model(scene)
     if not scene.is_contact:
         return iter((SceneState(model, 0.0, None),))
@@ -122,10 +119,7 @@ def iter_scene_states(scene: Scene) -> Iterator[SceneState]:
 
 
 def with_added_tractions(scene: Scene, surface: SurfaceState) -> SurfaceState:
-    """A contact's surface with the scene's added tractions on it; its edges stay the model's.
-
-    PhysicsError where they lie outside the contact's window.
-    """
+    """A surface with the scene's added tractions; PhysicsError outside the contact's window."""
     added = scene.added_tractions
     if added is None:
         return surface

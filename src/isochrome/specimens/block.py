@@ -45,11 +45,7 @@ class BlockModel(HalfPlane):
     """A half-plane with sides and a support."""
 
     def side_stress(self, scene: Scene, surface: SurfaceState, pixels: PixelGrid) -> RegularStress:
-        """What the block's sides and support add in one state.
-
-        InputError: no scikit-fem, a pixel too far off. PhysicsError: a contact too wide for the
-        block.
-        """
+        """What sides and support add; InputError: a pixel too far; PhysicsError: too wide."""
         specimen = scene.specimen
         assert specimen.width_mm is not None and specimen.height_mm is not None
         assert specimen.poisson is not None
@@ -82,10 +78,7 @@ MODEL = BlockModel()
 
 @lru_cache(maxsize=8)
 def block_series(sides: Sides) -> tuple[RegularStress, ...]:
-    """A block's corrections to a half-plane's stress under each of FORCES, made once.
-
-    InputError without scikit-fem.
-    """
+    """Corrections to a half-plane's stress under each of FORCES; InputError without scikit-fem."""
     reach = REACH * sides.clearance
     return tuple(_fitted(s, reach) for s in corrections(sides, FORCES, within_mm=reach))
 

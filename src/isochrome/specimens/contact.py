@@ -86,9 +86,6 @@ MODEL = HalfPlane()
 
 @lru_cache(maxsize=1)
 def surface_field_grid(pixels: PixelGrid, grid: ContactGrid, tolerance: float) -> FieldGrid:
-    """The kernels from a contact's nodes to the pixels, as precise as numerics.tolerance asks.
-
-    The last ones are kept: the states of a scene share them. They take as much as ten pictures.
-    """
+    """The kernels from a contact's nodes to the pixels, ten pictures large; the last are kept."""
     left, step, kind = grid.left_mm, grid.spacing_mm, field_dtype(tolerance)
     return make_field_grid(pixels, left_mm=left, spacing_mm=step, nodes=grid.nodes, dtype=kind)

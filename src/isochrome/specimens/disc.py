@@ -35,10 +35,7 @@ MODEL = DiscModel()
 def away_from_edges(
     scene: Scene, pixels: PixelGrid, edge: float, load: float
 ) -> tuple[Floats, Mask]:
-    """Each pixel's distance from the centre, and whether it is far from rim and loads.
-
-    That is more than `edge` and `load`; all over the radius, (rows, cols).
-    """
+    """Distance from the centre over the radius; whether `edge` and `load` from rim and loads."""
     radius = 0.5 * (scene.rim_diameter_mm or 0.0)
     x, z = pixels.places[0] / radius, pixels.places[1] / radius - 1.0
     away, loads = np.hypot(x, z), np.minimum(np.hypot(x, z - 1.0), np.hypot(x, z + 1.0))

@@ -85,10 +85,7 @@ def form_sizes(scene: Scene) -> dict[str, float]:
 
 
 def specimen_model(scene: Scene) -> SpecimenModel:
-    """The model of a scene's specimen; without a shape it is the half-plane of a contact.
-
-    Only that specimen's module is imported.
-    """
+    """The model of a scene's specimen, by default a contact's; only its module is imported."""
     shape = scene.specimen.shape or "contact"
     model: SpecimenModel = import_module(f"isochrome.specimens.{shape}").MODEL
     return model

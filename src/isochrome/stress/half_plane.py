@@ -391,10 +391,7 @@ def make_field_grid(
     nodes: int,
     dtype: type[np.complexfloating] = np.complex64,
 ) -> FieldGrid:
-    """The kernels from surface nodes to pixels; for `dtype` see `field_dtype`.
-
-    `left_mm` is the first node's place. InputError where the pixel is no whole number of spacings.
-    """
+    """Kernels from nodes, the first at `left_mm`; InputError: a pixel is not whole spacings."""
     fold = round(pixels.pixel_mm / spacing_mm)
     if fold < 1 or abs(fold * spacing_mm / pixels.pixel_mm - 1.0) > 1e-9:
         raise InputError("pixel_mm_must_whole", pixel_mm=pixels.pixel_mm, spacing_mm=spacing_mm)

@@ -56,10 +56,7 @@ _SHOWN = 4
 def tractions_figure(
     name: str, frames: Iterable[FrameData], scenes: tuple[Scene, ...], found: tuple[Tractions, ...]
 ) -> Figure:
-    """Tractions with their 95 % bands, residual, and both principal stresses, for four frames.
-
-    `scenes`, one state each, are those whose model is drawn beside.
-    """
+    """Tractions with 95 % bands, residual and principal stresses, beside the models of `scenes`."""
     shown = evenly_spaced(range(len(found)), _SHOWN)
     pixels = found[0].pixels
     height = 2.0 * (4.6 * min(pixels.rows / pixels.cols, 1.6) + 0.75)

@@ -271,10 +271,7 @@ class Stage:
         return cover * self.chi**2
 
     def patches(self) -> list[tuple[float, float]]:
-        """The ends (mm) of what is pressed more than noise explains, and of a little beside it.
-
-        PhysicsError where nothing is.
-        """
+        """Ends (mm) of what is pressed more than noise explains; PhysicsError: nothing is."""
         model, n, first = self.model, len(self.model.nodes_mm), len(self.model.keys)
         cover, x, beside = self.covariance(self.free), model.nodes_mm, 2.0 * model.spacing_mm
         result = []
@@ -309,10 +306,7 @@ class Stage:
 
 
 def invert(data: FrameData, scene: Scene, *, free_top: bool) -> Stage:
-    """Tractions of a frame from a scene whose contact and smooth stress are near.
-
-    PhysicsError where no light follows the fringes.
-    """
+    """Tractions of a frame from a scene near it; PhysicsError: no light follows the fringes."""
     surface, pixels = scene_states(scene)[-1].surface, pixel_grid(scene, data.shape)
     assert surface is not None
     half = 0.5 * (surface.edges_mm[1] - surface.edges_mm[0])
