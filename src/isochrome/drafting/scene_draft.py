@@ -130,7 +130,12 @@ def written_draft(
     values += [DraftValue(key, v, "given") for key, v in light if v]
     present = {value.key for value in values}
     open_keys = [k for k in (*open_keys, *open_of_set(reader, given)) if k.key not in present]
-    head = [f"Drafted by isochrome init from {described_set(reader)}", *sentences]
+    rows, cols = reader.shape
+    depth = "fractions of full scale" if reader.bit_depth is None else f"{reader.bit_depth} bits"
+    count, rate = counted(reader.count(decode=False), "frame"), frame_rate(reader)
+    timed = "" if rate is None else f", {rate:.4g} a second by their times"
+    what = f"{Path(name_of(reader)).name}: {count} of {cols} x {rows} pixels, {depth}{timed}."
+    head = [f"Drafted by isochrome init from {what}", *sentences]
     lines = [(value.key, *_written(value)) for value in values]
     text = scene_text(head, [*lines, *((k.key, "", f"fill in: {k.hint}") for k in open_keys)])
     return SceneDraft(
@@ -424,13 +429,3 @@ def frame_rate(reader: FrameReader) -> float | None:
     if len(known) < 2 or len(known) < len(times) or known[-1] <= known[0]:
         return None
     return (len(known) - 1) / (known[-1] - known[0])
-
-
-def described_set(reader: FrameReader) -> str:
-    """What the frames are, for the scene's head."""
-    rows, cols = reader.shape
-    depth = "fractions of full scale" if reader.bit_depth is None else f"{reader.bit_depth} bits"
-    count = counted(reader.count(decode=False), "frame")
-    rate = frame_rate(reader)
-    timed = "" if rate is None else f", {rate:.4g} a second by their times"
-    return f"{Path(name_of(reader)).name}: {count} of {cols} x {rows} pixels, {depth}{timed}."

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import pairwise
 from math import acos, degrees, hypot
-from typing import Annotated, Any, Literal, TypeVar, cast
+from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,6 +45,8 @@ class ScenePart(BaseModel):
     """A table of the scene file: frozen, and closed to unknown keys."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=False)
+    samples: ClassVar[tuple[str, ...]] = ()
+    """Keys of places, which rise, and of as many numbers there."""
 
     @field_validator("*", mode="before")
     @classmethod
@@ -58,6 +60,22 @@ class ScenePart(BaseModel):
         if isinstance(value, bool) and not wants_truth:
             raise PydanticCustomError("truth", message("input_should_not_true"))
         return value
+
+    @model_validator(mode="after")
+    def _same_length_rising(self) -> Self:
+        place, *names = self.samples or ("",)
+        places = getattr(self, place, ())
+        for name in names:
+            count = len(getattr(self, name))
+            if len(places) != count:
+                text = message(
+                    "has_numbers_has_give", place=place, places_count=len(places), value=name,
+                    values_count=count,
+                )  # fmt: skip
+                raise ValueError(text)
+        if any(b <= a for a, b in pairwise(places)):
+            raise ValueError(message("must_rise_but_sort", place=place, places=list(places)))
+        return self
 
 
 def _of_numpy(value: Any) -> Any:
@@ -80,13 +98,9 @@ class DistanceTable(ScenePart):
         The values there, in the unit of the key.
     """
 
+    samples: ClassVar[tuple[str, ...]] = ("distance_m", "value")
     distance_m: Annotated[tuple[NonNegative, ...], Field(min_length=2)]
     value: Annotated[tuple[Finite, ...], Field(min_length=2)]
-
-    @model_validator(mode="after")
-    def _same_length_rising(self) -> DistanceTable:
-        check_samples(self, "distance_m", "value")
-        return self
 
 
 class PositiveTable(DistanceTable):
@@ -105,19 +119,6 @@ class NonNegativeTable(DistanceTable):
     """A table of values of zero or more."""
 
     value: Annotated[tuple[NonNegative, ...], Field(min_length=2)]
-
-
-def check_samples(part: ScenePart, place: str, value: str) -> None:
-    """Refuse samples of which one number has no partner, or whose places do not rise."""
-    places, values = getattr(part, place), getattr(part, value)
-    if len(places) != len(values):
-        text = message(
-            "has_numbers_has_give", place=place, places_count=len(places), value=value,
-            values_count=len(values),
-        )  # fmt: skip
-        raise ValueError(text)
-    if any(b <= a for a, b in pairwise(places)):
-        raise ValueError(message("must_rise_but_sort", place=place, places=list(places)))
 
 
 NUMBER, TABLE = "<number>", "<table>"

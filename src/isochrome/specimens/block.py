@@ -95,5 +95,6 @@ def _fitted(sample: Sampled, reach: float) -> RegularStress:
     stress = sample.stress
     wanted = weighted(stress.difference, stress.sigma_x + stress.sigma_z)
     coefficients = np.linalg.lstsq(matrix, wanted, rcond=None)[0]
-    total = sum((m.times(c) for m, c in zip(modes, coefficients, strict=True)), NO_STRESS)
-    return RegularStress(tuple(complex(s / reach**n) for n, s in enumerate(total.series)))
+    # the modes are Re s_0, and then the real and the imaginary part of each s_n
+    series = np.r_[coefficients[0], coefficients[1::2] + 1j * coefficients[2::2]]
+    return RegularStress(tuple((series / reach ** np.arange(_DEGREE + 1)).tolist()))

@@ -39,6 +39,7 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy.fft
+from numpy.polynomial.polynomial import polyval
 from numpy.typing import NDArray
 
 from isochrome.errors import InputError
@@ -246,26 +247,14 @@ class RegularStress:
     def difference(self, x_mm: Floats, z_mm: Floats) -> Complexes:
         """(sigma_x - sigma_z) + 2i tau_xz at places of shapes that broadcast (mm), MPa."""
         x, z = np.asarray(x_mm, float), np.asarray(z_mm, float)
-        even = _power_series([s.real for s in self.series], x, z)
-        slope = _power_series([n * s for n, s in enumerate(self.series)][1:], x, z)
-        return np.asarray(even - 1j * z * slope)
+        terms, zeta = np.array(self.series or (0j,)), x - 1j * z
+        slope = polyval(zeta, (np.arange(len(terms)) * terms)[1:]) if len(terms) > 1 else 0j
+        return np.asarray(polyval(zeta, terms.real) - 1j * z * slope)
 
     def trace(self, x_mm: Floats, z_mm: Floats) -> Floats:
         """sigma_x + sigma_z at places of shapes that broadcast (mm), MPa."""
-        return _power_series(self.series, np.asarray(x_mm, float), np.asarray(z_mm, float)).real
-
-
-def _power_series(terms: tuple[complex, ...] | list[complex], x: Floats, z: Floats) -> Complexes:
-    """Σ terms_n ζ^n by Horner's rule, ζ = x - i z."""
-    shape = np.broadcast_shapes(x.shape, z.shape)
-    if len(terms) < 2:
-        return np.full(shape, terms[0] if terms else 0.0, dtype=complex)
-    zeta = x - 1j * z
-    total = np.full(shape, terms[-1], dtype=complex)
-    for term in reversed(terms[:-1]):
-        total *= zeta
-        total += term
-    return total
+        zeta = np.asarray(x_mm, float) - 1j * np.asarray(z_mm, float)
+        return np.asarray(polyval(zeta, np.array(self.series or (0j,))).real)
 
 
 NO_STRESS = RegularStress()
@@ -364,7 +353,6 @@ class FieldGrid:
 
     pixels: PixelGrid
     nodes: int
-    fold: int  # nodes a pixel
     dtype: np.dtype[np.complexfloating]  # complex64 or complex128
     bands: tuple[RowBand, ...]  # of the material; rows above the surface have none
 
@@ -415,7 +403,7 @@ def make_field_grid(
         for rows in (slice(surface, max(surface, deep)), slice(max(surface, deep), pixels.rows))
         if rows.start < rows.stop
     ]
-    return FieldGrid(pixels, nodes, fold, kind, tuple(bands))
+    return FieldGrid(pixels, nodes, kind, tuple(bands))
 
 
 def stress_difference(
