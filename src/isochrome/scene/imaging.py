@@ -63,8 +63,10 @@ class ScenePart(BaseModel):
 
     @model_validator(mode="after")
     def _same_length_rising(self) -> Self:
-        place, *names = self.samples or ("",)
-        places = getattr(self, place, ())
+        if not self.samples:
+            return self
+        place, *names = self.samples
+        places = getattr(self, place)
         for name in names:
             count = len(getattr(self, name))
             if len(places) != count:
