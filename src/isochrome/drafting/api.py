@@ -182,10 +182,7 @@ def start_scene(given: KnownValues, **tables: dict[str, Any]) -> Scene:
 def find_contact(
     frame: Frame, scene: Scene, given: KnownValues, *, bit_depth: int | None
 ) -> tuple[Lying, Freed[Any]]:
-    """Find a contact in a frame as captured, from its `start_scene`: how it lies, and its fit.
-
-    InputError on a blank frame, PhysicsError where no contact explains it, or two do.
-    """
+    """How a frame as captured lies, and its fit; PhysicsError: no contact explains it, or two."""
     data = prepare_frame(frame, scene, bit_depth=bit_depth)
     stated = {"turns": given.rotate_deg, "fields": given.field, "gammas": given.gamma}
     choices: dict[str, Any] = {name: (v,) for name, v in stated.items() if v is not None}
@@ -383,12 +380,7 @@ _STANDARD = {
 
 
 def draft_disc(frames: FrameReader, given: KnownValues) -> SceneDraft:
-    """Draft the scene of a disc under diametral load; see `draft_scene`.
-
-    Its rim gives place and scale roughly, and its fringes closely, with load, field, gamma, and
-    whether it lies on its side. PhysicsError where the fringes of no turn and field are in the
-    frame, or those of two.
-    """
+    """Draft the scene of a disc; PhysicsError where no turn and field explains it, or two."""
     frame = frame_of(frames, frames_to_look_at(frames, given)[0], given)
     camera = {} if given.pixel_mm is None else {"pixel_mm": given.pixel_mm}
     bare = start_scene(given, specimen={"shape": "disc"}, camera=camera)
@@ -443,11 +435,9 @@ PREVIEW_FILE = "scene.png"
 def draft_scene(
     frames: FramesLike, given: KnownValues, leave_out: Sequence[str | Path]
 ) -> SceneDraft:
-    """Draft a scene from frames and what is known besides; nothing is written.
+    """Draft a scene from frames as captured and what is known besides; nothing is written.
 
-    Frames are read as captured: not turned, without a region of interest; `leave_out`, see
-    `open_frames`. InputError names the option without which nothing can be found; PhysicsError
-    where no contact's or disc's fringes are seen.
+    InputError names the option without which nothing can be found; PhysicsError: no fringes of it.
     """
     drafts = {"contact": draft_contact, "disc": draft_disc, "other": draft_without_model}
     taken = {name: getattr(given, name) for name in ("channel", "wavelength_nm", "bit_depth")}

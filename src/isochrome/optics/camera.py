@@ -50,10 +50,9 @@ class Response:
 
 
 def camera_response(camera: Camera, path: Path | None = None) -> Response:
-    """Response of three channels where the scene's camera sees colour, of one where it does not.
+    """Response of a camera's three channels, or one, by its CSV file; None: the generic one.
 
-    `path` is its response file, a CSV file with wavelength_nm and a column for each channel, None
-    for the generic one; InputError names the file and the fix.
+    The file has wavelength_nm and a column for each channel; InputError names it and the fix.
     """
     names = COLOURS if camera.colour else GREY
     if path is None:

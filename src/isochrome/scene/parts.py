@@ -34,11 +34,10 @@ Poisson = Annotated[float, Field(gt=-1, le=0.5, allow_inf_nan=False)]
 
 @dataclass(frozen=True)
 class Body:
-    """What a specimen without a contact needs in its scene; its model is in `isochrome.specimens`.
+    """What a specimen without a contact needs in its scene.
 
-    `needs`, the scene's keys; `height`, the specimen's key of its size along z, by which a picture
-    shows it whole; `has_rim`, whether its outline is a circle of that size; `only_with`, the
-    specimen's key without which frames are read from the image alone.
+    `needs`, keys; `height`, the key of its size along z; `has_rim`, a circle of that size;
+    `only_with`, the key without which frames are read from the image alone.
     """
 
     needs: tuple[str, ...]

@@ -253,10 +253,9 @@ def parse_toml(text: str, label: str) -> dict[str, Any]:
 def with_value(
     text: str, key: str, written: str, *, comment: str = "", mark: str = "", name: str = "scene"
 ) -> str:
-    """TOML text with a key, such as 'load.normal_n', set to a value `written` as TOML.
+    """TOML text with a key set to a value `written`; InputError where no edit does only that.
 
     `comment`, without #, goes on its line; where it begins with `mark`, an earlier one is replaced.
-    `name` is the text's in messages. InputError where no edit does only that.
     """
     wanted = parse_toml(text, name)
     table, _, entry = key.partition(".")
@@ -271,10 +270,9 @@ def with_value(
 
 
 def without_value(text: str, key: str, *, name: str = "scene") -> str:
-    """TOML text without a key, such as 'load.bulk_mpa', and the comment on its line.
+    """TOML text without a key, or a whole table, and the comment on its line.
 
-    A name alone is a whole table; a key that is not there leaves the text as it is. InputError
-    where no edit does only that.
+    InputError where no edit does only that.
     """
     wanted = parse_toml(text, name)
     table, _, entry = key.partition(".")
@@ -292,10 +290,9 @@ def without_value(text: str, key: str, *, name: str = "scene") -> str:
 def with_table_list(
     text: str, key: str, entries: Sequence[Mapping[str, Any]], *, name: str = "scene"
 ) -> str:
-    """TOML text with a list of tables, such as [[frames.known_order]]; a name alone is [[image]].
+    """TOML text with a list of tables, such as [[frames.known_order]]; no entries take it out.
 
-    Tables that stay keep their place and comments, new ones come behind them; no entries take the
-    list out. InputError where no edit does only that.
+    Tables that stay keep place and comments; InputError where no edit does only that.
     """
     if not entries:
         return without_value(text, key, name=name)
@@ -344,9 +341,7 @@ def _edited(
 ) -> str:
     """Text whose document was edited, with what `edit` returns behind it.
 
-    InputError `by_hand` where it then says none of `wanted`, or tomlkit, which joins a list's
-    tables that stand apart, moves something. A blank within a line may go (behind a date in braces,
-    as of 0.15).
+    InputError `by_hand` where it then says none of `wanted`, or tomlkit moves something.
     """
     import tomlkit
     from tomlkit.exceptions import TOMLKitError

@@ -65,10 +65,9 @@ def with_pairs(model: type[BaseModel], data: Any) -> Any:
 def split_uncertainties(
     model: type[BaseModel], data: dict[str, Any]
 ) -> tuple[dict[str, Any], dict[str, float]]:
-    """A settings file's tables with plain values, and the standard uncertainties by dotted key.
+    """Tables with plain values, and the uncertainties by dotted key, in the keys' units.
 
-    These are in the keys' units. ValueError for a form that is not allowed, and for a key that is
-    no measured number.
+    ValueError for a form that is not allowed, and for a key that is no measured number.
     """
     plain, pairs = dict(data), {}
     for part, table in data.items():
@@ -169,8 +168,7 @@ def validate(
 ) -> M:
     """Check a dictionary against a pydantic model; InputError names the first mistake.
 
-    `reserved` are fields that are no keys; names of tables' files are relative to `folder`, by
-    default the working one.
+    `reserved` are fields that are no keys; names of files are relative to `folder`.
     """
     for key in reserved:
         if key in data:

@@ -370,10 +370,8 @@ MOST = 10_000
 def check_pixel(scene: Scene, shape: tuple[int, int] | None) -> None:
     """Refuse a camera.pixel_mm in which the scene's specimen cannot be seen, before any work.
 
-    A pixel is no wider than the contact (disc, beam), a picture no narrower than a hundredth of it,
-    and no wider than 200 contacts; sizes beyond a metre (a radius, ten) are refused too. A measured
-    profile's contact is held to this when it is solved. `shape` None: a picture that may show as
-    small a part as one likes, whose size is the camera's.
+    A picture is no wider than 200 contacts, no size beyond a metre (a radius, ten), and see
+    `check_width`. A measured profile's contact is held to this when it is solved.
     """
     for key, most in LARGEST_MM.items():
         part, _, name = key.partition(".")
@@ -414,11 +412,9 @@ def check_moduli(scene: Scene) -> None:
 def check_width(
     name: str, pixel: float, shape: tuple[int, ...] | None, width: float, what: str
 ) -> None:
-    """Refuse a camera.pixel_mm, side `pixel`, in which what the picture shows cannot be seen.
+    """Refuse a camera.pixel_mm wider than `what` is, mm, or a picture under a hundredth of it.
 
-    InputError where it is wider than that, or the picture narrower than a hundredth of it. `width`,
-    mm, is that of `what`, such as 'the beam'; `shape` None: a picture may show as small a part as
-    one likes.
+    `shape` None: a picture may show as small a part as one likes.
     """
     if pixel > max(width, UNDOUBTED_MM):
         raise InputError(

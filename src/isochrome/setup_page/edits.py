@@ -170,10 +170,9 @@ _OF_A_MODEL = ("indenter", "contact", "friction", "wear", "scar", "load", "frame
 
 
 def new_scene_text(kind: str, values: Mapping[str, Any], no_load: Mapping[str, str]) -> str:
-    """A scene or set as TOML from the page's form, each line commented with its unit or meaning.
+    """A scene or set as commented TOML from the page's form, values and no-load files by keys.
 
-    Values and files without load go by the scene's keys, None where not filled in. InputError names
-    all that such a scene needs.
+    InputError names all that such a scene needs.
     """
     kinds = KINDS | SET_KINDS
     if kind not in kinds:
@@ -458,10 +457,9 @@ TOOLS: Mapping[str, Callable[[SetupSession, Request], None]] = {
 
 
 def apply_tool(session: SetupSession, request: Request) -> dict[str, Any]:
-    """Do what a tool of the page asks for; InputError where it cannot be, the scene as it was.
+    """Do what a tool of TOOLS is asked for; gives the `session_state` that it leaves.
 
-    `request`: `tool`, one of TOOLS, and what it needs; points are (row, col) of the whole picture.
-    Gives the `session_state` that it leaves.
+    Points are (row, col) of the whole picture. InputError: the scene is as it was.
     """
     tool = TOOLS.get(str(request.get("tool")))
     if tool is None:
@@ -503,12 +501,11 @@ def find_in_frames(
     form: tuple[str, Mapping[str, Any]] | None = None,
     held: bool = False,
 ) -> dict[str, Any]:
-    """Search a frame for the scene, as `init` does, and put what is found into the scene's text.
+    """Search a frame as `init` does, and put what is found into the scene's text.
 
-    A key with a stated uncertainty stays, as friction does where none is shown. Frame 1 stands for
-    0 where that stands still; `form`: what a new scene is made from; `held`: field, gamma, turns
-    are known. Gives `frame`, `chi`, `found` (key, value with ±, note), `warnings`. Else InputError,
-    the scene as it was, or PhysicsError: no contact's or disc's fringes.
+    A key with a stated uncertainty stays. Frame 1 stands for 0 where that stands still; `form`:
+    what a new scene is made from; `held`: field, gamma, turns are known. InputError or
+    PhysicsError: the scene is as it was.
     """
     started = session.text
     text, guessed = _start_text(session, form)

@@ -68,12 +68,7 @@ _WORTH_SAYING = 0.01
 
 
 def fit_answer(session: SetupSession, index: int) -> dict[str, Any]:
-    """Fit the scene to one frame, from 0, as `process` does, and say what was found.
-
-    `values`: key, value, its ± as text, the TOML line that states it, and whether the frame asked
-    for it, or refines it; `summary_text`, all of it as a sentence; `chi`, whether it is `wrong`,
-    `kept_share`, and `warnings`. PhysicsError where the frame does not show the model.
-    """
+    """Fit the scene to one frame as `process` does; PhysicsError: it does not show the model."""
     scene = session.scene()
     if not scene.has_model:
         raise InputError(
@@ -108,12 +103,7 @@ def fit_answer(session: SetupSession, index: int) -> dict[str, Any]:
 
 
 def check_answer(session: SetupSession, *, fringes: bool) -> dict[str, Any]:
-    """What `isochrome check` says of the frames and the scene as it is on the page.
-
-    `ok`, `count`, `findings`, the `revision` of the scene that was checked, and `whole`: whether a
-    frame was fitted too, which takes seconds to a minute, where there is one to fit; InputError
-    where there is no scene yet.
-    """
+    """What `isochrome check` says; `whole`: a frame was fitted too, where there is one to fit."""
     scene, revision = session.scene(), session.revision
     try:
         session.check_complete()
@@ -132,11 +122,9 @@ def check_answer(session: SetupSession, *, fringes: bool) -> dict[str, Any]:
 
 
 def order_map_of_points(session: SetupSession, index: int) -> tuple[NDArray[np.uint8], list[str]]:
-    """Read the order of one frame from its known points alone, as it would be without a model.
+    """Levels of a frame's order from known points alone, in 0.02 fringe plus 1; 0: not known.
 
-    Of the region, order over 0.02 fringe plus 1, at most 255, 0 where none is known, in the parts
-    that hang together with a known point; and what `process` says. InputError where no order is
-    known anywhere.
+    And what `process` says. InputError where no order is known anywhere.
     """
     scene = edits.without_model(session.scene(), session.text)
     if not scene.frames.orders_known:
@@ -169,10 +157,8 @@ class ClickPreview:
     def answer(self, index: int, request: edits.Request) -> dict[str, Any]:
         """What would become of the map of a frame: its `kind`, 'nothing' where no order is read.
 
-        Asked: `points`, `lines` as they would stand; `at` (row, col) of the picture, `on_line`:
-        what is set; without `at` the frame is only followed, for the next answer. Kinds: 'nothing',
-        'new', 'moved', 'changed', 'same', 'lost'; also `words`, `said`, `share` of the frame, the
-        part's patches as `rows`, `cols`, `levels` (`order_map_of_points`), and the `revision`.
+        Asked: `points`, `lines` as they would stand, `at` (row, col) of the picture; without `at`
+        the frame is only followed. Kinds: 'nothing', 'new', 'moved', 'changed', 'same', 'lost'.
         """
         session, revision = self._session, self._session.revision
         region = session.region(session.scene_or_none())

@@ -94,9 +94,8 @@ class LiveModel:
         self._renderer = SceneRenderer(self._base, self.shape, rough=True)
 
     def signal(self, values: Mapping[str, float]) -> NDArray[np.floating]:
-        """The polariscope's signal (rows, cols) for values by key, 1 for full light.
+        """The signal (rows, cols) for values by key, 1 for full light, 0 where no specimen is.
 
-        No specimen, no light. Keys whose table the frame's own state has not are left out.
         InputError where a value is not allowed, PhysicsError where the contact cannot be solved.
         """
         known = {
@@ -129,9 +128,8 @@ _OUTERMOST = 0.1, 99.9
 
 
 class SetupSession:
-    """A scene that is being set up on its frames, and written to `scene_file`.
+    """A scene that is set up on its frames, and written to `scene_file`; no browser is needed.
 
-    Everything that the page does goes through here, and all of it can be done without a browser.
     `text` is empty for a scene that is still to be made; `saved`: the file holds it already.
     """
 
@@ -370,11 +368,7 @@ _GAMMA = "frames.gamma"
 
 
 class SetSession(SetupSession):
-    """A calibration set of a bending or diametral specimen that is being set up on its images.
-
-    Its text need not be a whole set until it is saved or calibrated: sizes, scale and loads come
-    one after the other.
-    """
+    """A calibration set on its images; its text need not be whole before it is saved."""
 
     def __init__(
         self, frames: FramesLike, scene_file: Path, text: str, *, saved: bool, subject: str
@@ -445,10 +439,7 @@ class SetSession(SetupSession):
         return result
 
     def outlines(self, index: int) -> list[list[list[float]]]:
-        """Where the specimen is in an image: a disc's rim, a beam's edges once it is calibrated.
-
-        Lines of (row, col) of the whole picture; none where the specimen is not found.
-        """
+        """A disc's rim, or a calibrated beam's edges, as lines of (row, col); none if not found."""
         scene = self.scene()
         region, image = self.region(scene), self.frame(index, scene).image
         revision, geometry = self._geometry
@@ -525,12 +516,7 @@ def with_loads(text: str, names: Sequence[str], loads: Sequence[float | None]) -
 
 
 def calibration_answer(session: SetSession) -> dict[str, Any]:
-    """Calibrate, and say what was found.
-
-    `values`: words and text; `images`: file, load, order, chi; `causes`: words and text of each
-    that the images asked for, the key and value that state it, None for none, a `note`; `warnings`,
-    and the `revision` of the set.
-    """
+    """Calibrate: values, images, causes with the key and value that state them, warnings."""
     revision = session.revision
     result = session.calibrate()
     return {

@@ -176,10 +176,7 @@ def no_model_sentence(scene: Scene) -> str:
 
 
 def state_difference(scene: Scene, state: SceneState, pixels: PixelGrid) -> StressDifference:
-    """(sigma_x - sigma_z) + 2i tau_xz (rows, cols), MPa, of one state, with what the scene adds.
-
-    NaN outside a specimen that is shown whole, 0 above a contact's surface.
-    """
+    """(sigma_x - sigma_z) + 2i tau_xz (rows, cols), MPa, of a state; NaN: no specimen."""
     return specimen_model(scene).difference(scene, state.surface, pixels)
 
 
@@ -201,11 +198,9 @@ def make_picture(scene: Scene, difference: StressDifference, pixels: PixelGrid) 
 
 
 def picture_signal(scene: Scene, picture: Picture, step: int | None = None) -> Array:
-    """Polariscope signal of a picture, 1 for full light; no specimen, no light.
+    """A picture's signal, 1 for full light: (rows, cols), of a colour camera (rows, cols, 3).
 
-    (rows, cols), or (rows, cols, 3) for a colour camera, in float64 where it stores more than 10
-    bits. `step`: phase step, None: dark, bright or plane field. InputError on a response file that
-    cannot be used, or a light that a channel does not see.
+    `step`: phase step, None: the field. InputError: a response or a light that cannot be used.
     """
     camera, polariscope = scene.camera, scene.polariscope
     order, covered = picture.mean_order, picture.material.all()

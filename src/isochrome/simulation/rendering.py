@@ -105,8 +105,7 @@ PROFILE = ("state", "x_mm", "pressure_mpa", "shear_mpa", "wear_depth_um")
 def history_row(index: int, item: Rendered, pixels: PixelGrid) -> dict[str, Any]:
     """One row of history.csv: contact, wear, and the largest fringe order and shear in view.
 
-    The largest shear (sigma_1 - sigma_2)/2 is that of the pixel with the largest order; with the
-    item's components, the largest anywhere in the material in view.
+    Without the item's components the largest shear is that of the pixel with the largest order.
     """
     order = np.where(item.picture.material, item.picture.order, -1.0)
     row, col = np.unravel_index(int(order.argmax()), order.shape)
@@ -180,11 +179,9 @@ def render(
     components: bool = False,
     first: int = 0,
 ) -> Iterator[Rendered]:
-    """Render state after state; one is in memory at a time.
+    """Render state after state; noise of state i, from `first`, is seeded with (camera.seed, i).
 
-    Noise of state i, counted from `first`, is seeded with (camera.seed, i), so that a frame does
-    not depend on those before it. PhysicsError where a contact is wider than the picture, or
-    fringes are too fine for the pixels.
+    PhysicsError where a contact is wider than the picture, or fringes are too fine.
     """
     assert scene.camera is not None
     for index, state in enumerate(states, first):
@@ -234,11 +231,7 @@ def shown_states(count: int) -> list[int]:
 
 
 class RenderWork:
-    """Renders states of a scene; it may be handed to other processes.
-
-    Attributes: `scene`; `pixels`; `count` of its states; `components`, whether the principal
-    stresses are wanted apart; `shown`, the states for the figure.
-    """
+    """Renders states of a scene, in other processes too; those that the figure shows are kept."""
 
     def __init__(self, scene: Scene, pixels: PixelGrid, count: int, *, components: bool) -> None:
         self.scene, self.pixels, self.count, self.components = scene, pixels, count, components

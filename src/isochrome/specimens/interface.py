@@ -24,10 +24,7 @@ Acting = SurfaceState | None
 
 
 class SpecimenModel(ABC):
-    """A kind of specimen. A new one with a closed form has its `components`, and little else.
-
-    Its axes are the scene's: x from its middle (or the contact's), z down from its top.
-    """
+    """A kind of specimen; x from its middle (or the contact's), z down from its top."""
 
     unknowns: tuple[str, ...] = ("load.normal_n", "camera.left_mm", "camera.top_mm")
     """What a frame can tell of any such scene; what its other parts add is not here."""

@@ -74,10 +74,7 @@ MAX_REACH_MM = 1e6
 
 @dataclass(frozen=True)
 class PixelGrid:
-    """Square pixels; their centres lie at left_mm + (col+1/2) pixel_mm, and so in z.
-
-    With a lens these are places in the picture, and a pixel looks elsewhere, see `places`.
-    """
+    """Square pixels, centres at left_mm + (col+1/2) pixel_mm, and so in z, before a lens."""
 
     rows: int
     cols: int
@@ -132,10 +129,9 @@ class PixelGrid:
         return x + middle[0], z + middle[1]
 
     def around(self, parts: int = 1) -> PixelGrid:
-        """A plain grid of the same pixels around all places that are looked at: itself, or more.
+        """A plain grid around all that is looked at, a pixel in `parts`; itself without a lens.
 
-        `parts`, into how many a pixel's side is divided. A row of it lies half a pixel below the
-        surface, and it grows by steps, so that a lens that changes little is served by the same.
+        A row lies half a pixel below the surface; it grows by steps, to serve lenses that change.
         """
         if self.lens is None:
             return self
@@ -163,9 +159,8 @@ class PixelGrid:
 def pixel_grid(scene: Scene, shape: tuple[int, int] | None = None) -> PixelGrid:
     """The pixel grid of a scene's camera; `shape` is its (rows, cols) where the camera has none.
 
-    The place defaults to the contact (or disc, ring, beam) in the middle of the width, the surface
-    at the top (a disc, ring or beam in the middle of the height). InputError where a key is
-    missing, or the picture too large.
+    The contact or specimen is by default in the middle of the width, the surface at the top, a
+    body in the middle of the height. InputError: a key is missing, or the picture too large.
     """
     camera = scene.camera
     if camera is None:
@@ -254,8 +249,7 @@ def seen_nearly(field: NDArray[Any], grid: PixelGrid, pixels: PixelGrid) -> NDAr
 def below_surface(field: NDArray[N], grid: PixelGrid) -> NDArray[N]:
     """A field (rows, cols) that goes on above the surface as f(-z) = 2 f(0) - f(z).
 
-    So it keeps its value and slope: a jump at the surface would ring in a spline. The grid's rows
-    lie half a pixel below the surface and at whole pixels from there, see `PixelGrid.around`.
+    A jump would ring in a spline. Rows lie half a pixel below the surface, see `PixelGrid.around`.
     """
     first = round(-grid.top_mm / grid.pixel_mm)
     if not 0 < first < len(field):

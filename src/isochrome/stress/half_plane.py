@@ -154,10 +154,9 @@ def make_band(
     deep: bool,
     dtype: np.dtype[np.complexfloating],
 ) -> RowBand:
-    """Kernel spectra of one band of rows at depths `z_mm`. Source: see the module.
+    """Kernel spectra of one band of rows at depths `z_mm`; `fold`, nodes a pixel.
 
-    `first_mm` is the first pixel's x from the first node; `fold`, nodes a pixel; `deep`, whether
-    sources move to pixel spacing.
+    `first_mm` is the first pixel's x from the first node; `deep`, sources move to pixel spacing.
     """
     step, sources, moved = spacing_mm, nodes, 1
     if deep and fold > 1:
@@ -206,10 +205,7 @@ def convolve_rows(
 
 
 def pixel_sources(values: NDArray[np.number], fold: int) -> NDArray[np.number]:
-    """Sources at pixel spacing that act, some pixels away, as the values (n,) at the nodes do.
-
-    (ceil(n/fold) + 2 m - 1,), the first m - 1 pixels before the first node; `fold`, nodes a pixel.
-    """
+    """Sources (ceil(n/fold) + 2 m - 1,) at pixel spacing that act as `values` do."""
     count = -(-len(values) // fold)
     shares = np.pad(values, (0, fold * count - len(values))).reshape(count, fold) @ _weights(fold)
     sources = np.zeros(count + 2 * HALF_TAPS - 1, dtype=shares.dtype)
@@ -262,10 +258,7 @@ NO_STRESS = RegularStress()
 
 
 def regular_modes(degree: int) -> tuple[RegularStress, ...]:
-    """The 2 degree + 1 real modes up to a degree n: sigma_x = x^n along the surface, and bending.
-
-    They are s_0 = 1, s_1 = 1, s_1 = i, s_2 = 1, s_2 = i, ..., each 1 MPa/mm^n.
-    """
+    """The real modes s_0 = 1, s_1 = 1, s_1 = i, s_2 = 1, ... up to a degree, each 1 MPa/mm^n."""
     modes = [RegularStress((1 + 0j,))]
     for n in range(1, degree + 1):
         modes += [RegularStress((*(0j,) * n, unit)) for unit in (1 + 0j, 1j)]
@@ -409,11 +402,7 @@ def make_field_grid(
 def stress_difference(
     grid: FieldGrid, pressure_mpa: Floats, shear_mpa: Floats | None = None
 ) -> StressDifference:
-    """(sigma_x - sigma_z) + 2i tau_xz (rows, cols), MPa, of tractions p and q (n,) at the nodes.
-
-    Zero above the surface; InputError where they are not as many as the nodes. Source: see the
-    module.
-    """
+    """(sigma_x - sigma_z) + 2i tau_xz (rows, cols), MPa, of tractions (n,); 0 above the surface."""
     _check_nodes(grid, pressure_mpa, shear_mpa)
     field = _empty_field(grid)
     for band in grid.bands:
@@ -426,11 +415,7 @@ def stress_difference(
 
 
 def stress_trace(grid: FieldGrid, pressure_mpa: Floats, shear_mpa: Floats | None = None) -> Floats:
-    """sigma_x + sigma_z (rows, cols), MPa, of tractions p and q (n,) at the nodes.
-
-    Equation: -(2/π) Re ∫ (q - ip)/(ζ-t) dt, zero above the surface; InputError where they are not
-    as many as the nodes. Source: see the module.
-    """
+    """sigma_x + sigma_z (rows, cols), MPa, of tractions (n,) at the nodes; 0 above the surface."""
     _check_nodes(grid, pressure_mpa, shear_mpa)
     traction = -1j * pressure_mpa if shear_mpa is None else shear_mpa - 1j * pressure_mpa
     field = _empty_field(grid)
@@ -489,8 +474,7 @@ class Loads:
 def _scans(loads: Loads, box: Box) -> list[tuple[Floats, Floats, Floats]]:
     """Columns, depths and sizes of a coarse scan of all the window and of fine ones at the load.
 
-    The fine ones reach a load's length beyond the load: a column at each node on graded depths,
-    and four to a spacing near the surface, where hills lie between the cusps at the nodes.
+    A column at each node on graded depths, and four to a spacing near the surface and its cusps.
     """
     x: Floats = np.linspace(box.left, box.right, _ACROSS)
     z: Floats = np.linspace(box.top, box.bottom, _ACROSS)

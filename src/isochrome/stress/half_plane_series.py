@@ -72,10 +72,9 @@ class SeriesGrid:
 def make_series_grid(
     rows: int, cols: int, pitch_mm: float, *, nodes: int, spacing_mm: float, reach_mm: float
 ) -> SeriesGrid:
-    """A lattice of pixels, or of every few of them, over one of surface nodes, with its matrices.
+    """A lattice of pixels over one of surface nodes; quickest where `spacing_mm` divides the pitch.
 
-    It is quickest where `spacing_mm` divides the pitch. `reach_mm` is the largest distance of a
-    loaded node from a pixel.
+    `reach_mm` is the largest distance of a loaded node from a pixel.
     """
     wanted = max(_REACH * reach_mm / pitch_mm, cols, nodes * spacing_mm / pitch_mm)
     length = int(scipy.fft.next_fast_len(math.ceil(wanted)))

@@ -140,11 +140,7 @@ def with_tractions(
     free_top: bool,
     progress: Callable[[], None],
 ) -> Fit:
-    """A fit with the tractions of each of its frames.
-
-    Each frame's search starts at the `joint` fit's scene, and then at that `given` before the fit;
-    `free_top`, whether the surface's place is found too.
-    """
+    """A fit with each frame's tractions, from the `joint` fit's scenes, then those `given`."""
     plain, frames.plain = frames.plain, set()  # a poor model's light is not the frame's
     outcome = []
     for i, data in enumerate(frames):

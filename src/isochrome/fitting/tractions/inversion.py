@@ -101,10 +101,7 @@ class Smoothness(Prior):
 
 
 class TractionModel(FarModel):
-    """A frame whose unknowns are the `keys`, and behind them hats' halves (a, b).
-
-    `nodes_mm` (n,), multiples of `spacing_mm`, which is a whole number of blocks of pixels.
-    """
+    """A frame whose unknowns are `keys`, and hats' halves (a, b), at multiples of a spacing."""
 
     def __init__(
         self,
@@ -216,10 +213,7 @@ def block_px(data: FrameData) -> int:
 
 
 def with_signs(matrix: Array, right: Array, free: int) -> Array:
-    """The c that minimises c^T M c / 2 - c^T b with all but its `free` first members >= 0.
-
-    M (m, m) is positive definite, b (m,). Source: see the module.
-    """
+    """The c that minimises c^T M c / 2 - c^T b with all but its `free` first members >= 0."""
     from scipy.linalg import cholesky, solve_triangular
     from scipy.optimize import nnls
 
