@@ -654,19 +654,23 @@ def main() -> None:
         fail(error.message, error.exit_code)
     except SystemExit as end:
         if end.code == STOPPED:
-            cause: BaseException | None = end
-            while cause is not None and not isinstance(cause, KeyboardInterrupt):
-                cause = cause.__cause__ or cause.__context__
-            reason = str(cause or "") or "stopped; nothing was left half-written"
-            same = shlex.join(part for part in sys.argv[1:] if part != "--restart")
-            again = f": isochrome {same}" if reason.endswith("to resume") else ""
-            fail(f"{reason}{again}", STOPPED)
+            fail(_stopped(end), STOPPED)
         raise
     except OSError as error:  # a drive that is gone, or full, where nobody else has said it
         what = error.filename or "a file"
         fail(message("cannot_read_written_see", what=what, strerror=error.strerror or error), 2)
     except MemoryError:
         fail(message("not_enough_memory_use_smaller"), 3)
+
+
+def _stopped(end: BaseException) -> str:
+    """What was said when the user stopped the command, and how to go on with it."""
+    cause: BaseException | None = end
+    while cause is not None and not isinstance(cause, KeyboardInterrupt):
+        cause = cause.__cause__ or cause.__context__
+    reason = str(cause or "") or "stopped; nothing was left half-written"
+    same = shlex.join(part for part in sys.argv[1:] if part != "--restart")
+    return f"{reason}: isochrome {same}" if reason.endswith("to resume") else reason
 
 
 if __name__ == "__main__":

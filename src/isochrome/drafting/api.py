@@ -188,20 +188,7 @@ def find_contact(
     choices: dict[str, Any] = {name: (v,) for name, v in stated.items() if v is not None}
     starts = search_picture(data, scene, flip=given.flip, **choices)
     keys = FOUND if given.gamma is not None else (*FOUND, GAMMA)
-    fits = _ranked(starts[:_MOST_RIVALS], keys, cold=False)
-    if not fits or _is_lost(*fits[0]):
-        raise _unexplained(frame, fits[0][0].chi if fits else None)
-    first, best = fits[0]
-    for other, second in fits[1:2]:
-        loads, frictions = ([f.scene.get(k) for f in (first, other)] for k in (LOAD, FRICTION))
-        same = abs(loads[1] / loads[0] - 1.0) < 0.01 and abs(frictions[1] - frictions[0]) < 0.01
-        same = same and best.lying[:3] == second.lying[:3]
-        if other.chi < ALIKE_CHI * first.chi and not same:
-            words, others = _in_words(first, best), _in_words(other, second)
-            raise PhysicsError(
-                "two_scenes_explain_frame_alike",
-                name=frame.name, index=frame.index, in_words=words, in_words_2=others,
-            )  # fmt: skip
+    first, best = _clear_best(_ranked(starts[:_MOST_RIVALS], keys, cold=False), frame)
     answer = fit_with_causes(best.data, first.scene, keys, cold=False, slips=False)
     fit = answer.fit
     other_ways = [s.chi for s in starts if s is not best and s.lying[:3] != best.lying[:3]]
@@ -240,6 +227,26 @@ def _is_lost(fit: FrameFit, start: PictureStart) -> bool:
     """Whether a fit is so far off that its values say nothing, as `process` has it."""
     sigma = start.data.toned(fit.scene.get(GAMMA)).sigma
     return fit.chi * evaluate_model(start.data, fit.scene).contrast_noise(sigma) > TOO_FAR
+
+
+def _clear_best(
+    fits: list[tuple[FrameFit, PictureStart]], frame: Frame
+) -> tuple[FrameFit, PictureStart]:
+    """The best fit of a contact; refused where it says nothing, or another leaves as little."""
+    if not fits or _is_lost(*fits[0]):
+        raise _unexplained(frame, fits[0][0].chi if fits else None)
+    first, best = fits[0]
+    for other, second in fits[1:2]:
+        loads, frictions = ([f.scene.get(k) for f in (first, other)] for k in (LOAD, FRICTION))
+        same = abs(loads[1] / loads[0] - 1.0) < 0.01 and abs(frictions[1] - frictions[0]) < 0.01
+        same = same and best.lying[:3] == second.lying[:3]
+        if other.chi < ALIKE_CHI * first.chi and not same:
+            words, words_2 = _in_words(first, best), _in_words(other, second)
+            raise PhysicsError(
+                "two_scenes_explain_frame_alike",
+                name=frame.name, index=frame.index, in_words=words, in_words_2=words_2,
+            )  # fmt: skip
+    return first, best
 
 
 def _is_no_bench(fit: FrameFit) -> bool:

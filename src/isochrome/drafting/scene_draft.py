@@ -116,13 +116,9 @@ def written_draft(
 ) -> SceneDraft:
     """A scene of what is given, what the file tells, what was `fitted`; what is open; read back."""
     turn = next((value.value for value in fitted if value.key == TURN), given.rotate_deg)
-    shape = given.shape
-    values = [DraftValue("specimen.shape", shape, "given")] * (shape in STATED_SHAPES)
-    for name in NEEDED[shape] or NEEDED_BESIDE:
-        if (value := getattr(given, name)) is not None:
-            one = QUANTITIES[name]
-            values.append(DraftValue(one.key, value, "given", note=one.unit))
-    values += [*file_values(reader, given, turned=turn in (90, 270)), *fitted]
+    values = [
+        *given_values(given), *file_values(reader, given, turned=turn in (90, 270)), *fitted
+    ]  # fmt: skip
     # a frame may tell what was given, or what its file has, otherwise
     values = list({value.key: value for value in values}.values())
     present = {value.key for value in values}
@@ -130,12 +126,7 @@ def written_draft(
     values += [DraftValue(key, v, "given") for key, v in light if v]
     present = {value.key for value in values}
     open_keys = [k for k in (*open_keys, *open_of_set(reader, given)) if k.key not in present]
-    rows, cols = reader.shape
-    depth = "fractions of full scale" if reader.bit_depth is None else f"{reader.bit_depth} bits"
-    count, rate = counted(reader.count(decode=False), "frame"), frame_rate(reader)
-    timed = "" if rate is None else f", {rate:.4g} a second by their times"
-    what = f"{Path(name_of(reader)).name}: {count} of {cols} x {rows} pixels, {depth}{timed}."
-    head = [f"Drafted by isochrome init from {what}", *sentences]
+    head = [f"Drafted by isochrome init from {described_set(reader)}", *sentences]
     lines = [(value.key, *_written(value)) for value in values]
     text = scene_text(head, [*lines, *((k.key, "", f"fill in: {k.hint}") for k in open_keys)])
     return SceneDraft(
@@ -387,6 +378,17 @@ def frame_of(reader: FrameReader, index: int, given: KnownValues) -> Frame:
     return frame
 
 
+def given_values(given: KnownValues) -> list[DraftValue]:
+    """The shape, and what was given of what it needs."""
+    shape = given.shape
+    values = [DraftValue("specimen.shape", shape, "given")] * (shape in STATED_SHAPES)
+    for name in NEEDED[shape] or NEEDED_BESIDE:
+        if (value := getattr(given, name)) is not None:
+            one = QUANTITIES[name]
+            values.append(DraftValue(one.key, value, "given", note=one.unit))
+    return values
+
+
 def file_values(reader: FrameReader, given: KnownValues, *, turned: bool) -> list[DraftValue]:
     """The camera's size, bits and scale; `turned`: the scene lies a quarter turn otherwise."""
     rows, cols = reader.shape[::-1] if turned else reader.shape
@@ -429,3 +431,12 @@ def frame_rate(reader: FrameReader) -> float | None:
     if len(known) < 2 or len(known) < len(times) or known[-1] <= known[0]:
         return None
     return (len(known) - 1) / (known[-1] - known[0])
+
+
+def described_set(reader: FrameReader) -> str:
+    """What the frames are, for the scene's head."""
+    rows, cols = reader.shape
+    depth = "fractions of full scale" if reader.bit_depth is None else f"{reader.bit_depth} bits"
+    count, rate = counted(reader.count(decode=False), "frame"), frame_rate(reader)
+    timed = "" if rate is None else f", {rate:.4g} a second by their times"
+    return f"{Path(name_of(reader)).name}: {count} of {cols} x {rows} pixels, {depth}{timed}."
