@@ -12,7 +12,8 @@ import pytest
 
 from isochrome.frames import look_through
 from isochrome.samples import samples_path
-from isochrome.setup_page import MOST_BYTES, open_session
+from isochrome.scene import MAX_BYTES
+from isochrome.setup_page import open_session
 from runs.killing import listen
 
 from .conftest import served
@@ -111,7 +112,7 @@ def test_another_host_or_origin_is_refused(server, headers, method, name):
 
 
 @pytest.mark.parametrize("name", ["tool", "preview"])
-@pytest.mark.parametrize("length", [MOST_BYTES + 1, 1_000_000_000, 10**30])
+@pytest.mark.parametrize("length", [MAX_BYTES + 1, 1_000_000_000, 10**30])
 def test_a_body_of_a_gigabyte_is_refused_before_it_is_read(server, length, name):
     """None of it is sent, and the answer is there at once."""
     began = time.monotonic()

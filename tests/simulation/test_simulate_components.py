@@ -44,6 +44,14 @@ def test_components_under_the_static_contact_are_mcewens(found):
         assert np.abs(found.maps[name][0] - exact).max() < 1e-3 * PEAK
 
 
+def test_a_bulk_stress_adds_to_the_stress_along_the_surface_alone(found):
+    bent = SCENE.with_values({"load.bulk_mpa": 3.0, "wear.distances_m": (0.0,)})
+    maps = simulate(bent, components=True).maps
+    for name, bulk in (("sigma_x", 3.0), ("sigma_z", 0.0), ("tau_xz", 0.0)):
+        # float32
+        np.testing.assert_allclose(maps[name] - found.maps[name][:2], bulk, atol=2e-6 * PEAK)
+
+
 def test_principal_stresses_and_direction_are_the_tensors_eigenvalues_and_axis(found):
     """Eigenvalues of each pixel's stress tensor; the eigenvector's angle, turned up: z is down."""
     x, z, shear = (

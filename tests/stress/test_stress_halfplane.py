@@ -71,7 +71,7 @@ def test_a_spacing_that_nearly_divides_the_pixel_is_refused_too():
         grid = stress.make_field_grid(
             pixels, left_mm=0.0, spacing_mm=0.1 / 3 * (1.0 + off), nodes=4
         )
-        assert grid.fold == 3
+        assert grid.bands[0].fold == 3
 
 
 def test_direction_of_sigma1_is_counter_clockwise_as_the_camera_sees_it():

@@ -87,10 +87,7 @@ class Finished:
 def command(
     name: str, *tables: Options, text: str | None = None
 ) -> Callable[[Callable[..., Finished]], Callable[..., Finished]]:
-    """Add the command of a function: its own arguments, --out, the options of tables, --json.
-
-    It computes; what it gives is printed here, and what else was asked for is left beside it.
-    """
+    """Add a function's command, with --out, the options of tables, --json; print what it gives."""
     group, _, word = name.rpartition(" ")
 
     def add(function: Callable[..., Finished]) -> Callable[..., Finished]:
@@ -105,7 +102,13 @@ def command(
             outcome = function(**values)
             out = values["out"] if writes else Path()
             files = write_extras(outcome.result, outcome.extras or out)
-            _print(outcome, out, files, as_json)
+            if as_json:
+                places = {"out": out, "into": outcome.into and outcome.into[1], "figures": files}
+                places = {name: place for name, place in places.items() if place}
+                result = outcome.result
+                print_json(result if isinstance(result, dict) else places | result.to_json())
+            else:
+                _print(outcome, out, files)
             if outcome.failure is not None:
                 why, code = outcome.failure
                 if why:
@@ -122,15 +125,9 @@ def command(
     return add
 
 
-def _print(outcome: Finished, out: Path, files: Sequence[str], as_json: bool) -> None:
-    """One JSON object, of a result with its places; or what `show` prints, warnings and places."""
+def _print(outcome: Finished, out: Path, files: Sequence[str]) -> None:
+    """What `show` prints, warnings and places."""
     result = outcome.result
-    if as_json:
-        into = outcome.into and outcome.into[1]
-        places = {"out": out, "into": into, "figures": files}
-        named = {name: place for name, place in places.items() if place}
-        print_json(result if isinstance(result, dict) else named | result.to_json())
-        return
     outcome.show(result)
     if not outcome.shows_all:
         print_warnings(list(result.warnings))

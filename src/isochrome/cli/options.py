@@ -1,9 +1,4 @@
-"""How commands are to be used: two examples for each help, and usage errors in one line.
-
-Arguments and options that several commands share.
-
-The options of what is left besides a command's results: a figure for a paper, Excel's tables.
-"""
+"""How commands are to be used: examples, usage errors in one line, options that several share."""
 
 from __future__ import annotations
 
@@ -207,10 +202,7 @@ PROCESS: Options = {
 def parameters(
     given: Iterable[inspect.Parameter], out: Path | None, tables: Iterable[Options]
 ) -> list[inspect.Parameter]:
-    """What a command takes: a function's own arguments, the folder, the tables' options, --json.
-
-    A flag is off and all else is None where it is not given.
-    """
+    """A function's own arguments, --out, the tables' options (off or None by default), --json."""
     kind = inspect.Parameter.POSITIONAL_OR_KEYWORD
     place = [] if out is None else [inspect.Parameter("out", kind, default=out, annotation=Out)]
     options = [
@@ -234,10 +226,7 @@ _MM = {"cm": 10.0, "in": 25.4}
 
 
 def take_extras(options: dict[str, Any]) -> Callable[[Any, Path], list[str]]:
-    """Take the options of a paper's figure and Excel's tables out of a command's, before its work.
-
-    Gives what writes both, of a result into a folder, and then names the files of the figure.
-    """
+    """Take a paper's figure and Excel's tables out of a command's options: what writes both."""
     style = take_style(options) if "width" in options else None
     has_tables, form = "tables" in options, options.pop("tables", None)
     if form not in (None, "excel"):
@@ -245,8 +234,15 @@ def take_extras(options: dict[str, Any]) -> Callable[[Any, Path], list[str]]:
 
     def write(result: Any, out: Path) -> list[str]:
         files = save_paper_figure(result, out, style)
-        if has_tables:
-            write_excel_tables(out, form is not None)
+        if form is not None:
+            from isochrome.output import write_excel_copies
+
+            write_excel_copies(out)
+        elif has_tables:  # a calibration is written over an earlier one, whose copies go
+            for copy in out.glob("*_excel.csv"):
+                table = copy.with_name(copy.name.replace("_excel.csv", ".csv"))
+                if table.is_file() and table.stat().st_mtime_ns > copy.stat().st_mtime_ns:
+                    _remove(copy)
         return files
 
     return write
@@ -273,21 +269,6 @@ def take_style(options: dict[str, Any]) -> FigureStyle | None:
     if given["formats"] is not None:
         known["formats"] = tuple(part.strip() for part in given["formats"].lower().split(","))
     return FigureStyle(**known)
-
-
-def write_excel_tables(out: Path, excel: bool) -> None:
-    """Write the tables in a folder for Excel, where it was asked for.
-
-    Where it was not, the copies of earlier tables go: a calibration is written over an earlier one.
-    """
-    if excel:
-        from isochrome.output import write_excel_copies
-
-        write_excel_copies(out)
-    for copy in () if excel else out.glob("*_excel.csv"):
-        table = copy.with_name(copy.name.replace("_excel.csv", ".csv"))
-        if table.is_file() and table.stat().st_mtime_ns > copy.stat().st_mtime_ns:
-            _remove(copy)
 
 
 def save_paper_figure(result: Any, out: Path, style: FigureStyle | None) -> list[str]:

@@ -1,26 +1,19 @@
 """`init`: a commented scene from captured frames and what is known besides.
 
-The preview of a draft: the frame as the scene takes it, and the scene's fringes beside it.
-
-The scene of a contact: the first frame that it explains, and each value with what it is from.
-
-A frame that is refused may simply not be loaded. A smooth polynomial is fitted to its light; where
-next to no pixel lies farther from it than noise does, there is no fringe. A frame with texture,
-dust or an edge in it is never taken for one: then nothing is said of it.
-
-Scenes without a contact: a disc, whose rim gives place and scale, and one without a model.
+Of a contact the first frame that it explains is fitted, of a disc, whose rim gives place and scale
+roughly, the first of all; of a specimen without a model nothing is found.
 """
 
 from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
-from itertools import pairwise, product
+from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,7 +31,6 @@ from isochrome.drafting.scene_draft import (
     frame_of,
     frames_to_look_at,
     known_values,
-    light_tables,
     not_among_frames,
     refuse_unclear,
     written_draft,
@@ -96,10 +88,7 @@ Floats = NDArray[np.floating]
 
 
 def draft_figure(data: FrameData, scene: Scene, values: Sequence[DraftValue]) -> Figure:
-    """Draw a frame beside what a scene says of it, its surface and middle over both.
-
-    The `data` are the frame as the scene, of one state, takes it.
-    """
+    """Draw a frame, as a scene of one state takes it, beside the scene's fringes."""
     model_frame = evaluate_model(data, scene)
     light = model_frame.background + model_frame.illumination * np.nan_to_num(model_frame.signal(1))
     stored = np.maximum(light, 0.0) ** (1.0 / scene.frames.stated_gamma)
@@ -130,12 +119,6 @@ def draft_figure(data: FrameData, scene: Scene, values: Sequence[DraftValue]) ->
     return panels_figure(PaperPanels(kinds=kinds, labels=[""]), f"{'    '.join(texts)}\n{lines}")
 
 
-def frame_figure(image: Floats) -> Figure:
-    """Draw a frame (rows, cols), of which nothing is known."""
-    kind = PictureKind(name="", draw=lambda axes, _: _in_grey(axes, image, like=image))
-    return panels_figure(PaperPanels(kinds=[kind], labels=["the frame"]), "")
-
-
 def _in_grey(axes: Axes, image: Floats, *, like: Floats, **place: Any) -> AxesImage:
     """Draw an image with the greys of a frame: all but its outermost are told apart."""
     low, high = (float(v) for v in np.nanpercentile(like, [0.5, 99.5]))
@@ -152,7 +135,7 @@ _RIM = 0.03
 
 
 def has_no_fringes(data: FrameData) -> bool:
-    """Tell whether smooth light alone explains a prepared frame."""
+    """Whether a frame is smooth light; one with texture, dust or an edge is never taken for one."""
     rows, cols = (math.ceil(_RIM * n) for n in data.shape)
     inner = np.zeros(data.shape, dtype=bool)
     inner[rows:-rows, cols:-cols] = data.valid[rows:-rows, cols:-cols]
@@ -166,6 +149,8 @@ def has_no_fringes(data: FrameData) -> bool:
 LOAD, LEFT, TOP = "load.normal_n", "camera.left_mm", "camera.top_mm"
 FIELD, PIXEL = "polariscope.field", "camera.pixel_mm"
 
+_FIELDS: tuple[Literal["dark", "bright"], ...] = ("dark", "bright")
+
 FOUND = (LOAD, FRICTION, LEFT, TOP)
 
 _MOST_RIVALS = 4
@@ -175,9 +160,6 @@ CLEAR_CHI = 3.0
 """chi up to which a scene that leaves more than noise is still written, with a warning, where every
 other turn and field is as many times worse. A radius or fringe value 10 % off leaves 2.8."""
 
-_HOPELESS = 5.0
-"""chi of a fit beyond which no cause that a frame may ask for is looked for."""
-
 _FARTHEST = 4.0
 """Factor from the stated load beyond which a fit has found something else."""
 
@@ -186,48 +168,31 @@ _MOST_FRICTION, _GAMMAS = 1.5, (0.3, 4.0)
 and enough light would make it look right."""
 
 
-@dataclass(frozen=True)
-class ContactFit:
-    """A contact that was found in a frame.
-
-    `lying`, how the picture is taken; `data`, the frame so; `fit`, with what the frame asked for;
-    `messages`, what is to be said of it; `unsure`, causes that the frame cannot tell from that of a
-    key which it asked for.
-    """
-
-    frame: int
-    lying: Lying
-    data: FrameData
-    fit: FrameFit
-    messages: tuple[str, ...]
-    unsure: Mapping[str, tuple[str, ...]]
-
-
 def start_scene(given: KnownValues, **tables: dict[str, Any]) -> Scene:
     """The scene of a specimen before anything is found, with more `tables`."""
     for name in NEEDED[given.shape]:
         table, _, entry = QUANTITIES[name].key.partition(".")
         tables.setdefault(table, {})[entry] = getattr(given, name)
-    return load_scene(tables | light_tables(given))
+    light = {"field": given.field or "dark", "wavelength_nm": given.wavelength_nm}
+    tables["polariscope"] = {key: value for key, value in light.items() if value is not None}
+    tables["frames"] = {"gamma": 1.0 if given.gamma is None else given.gamma}
+    return load_scene(tables)
 
 
 def find_contact(
     frame: Frame, scene: Scene, given: KnownValues, *, bit_depth: int | None
-) -> ContactFit:
-    """Find a contact in a frame as captured, from its `start_scene`.
-
-    InputError on a blank frame, PhysicsError where no contact explains it, or two do.
-    """
+) -> tuple[Lying, Freed[Any]]:
+    """How a frame as captured lies, and its fit; PhysicsError: no contact explains it, or two."""
     data = prepare_frame(frame, scene, bit_depth=bit_depth)
     stated = {"turns": given.rotate_deg, "fields": given.field, "gammas": given.gamma}
     choices: dict[str, Any] = {name: (v,) for name, v in stated.items() if v is not None}
     starts = search_picture(data, scene, flip=given.flip, **choices)
     keys = FOUND if given.gamma is not None else (*FOUND, GAMMA)
-    best, first = _best_start(starts, keys, frame)
+    first, best = _clear_best(_ranked(starts[:_MOST_RIVALS], keys, cold=False), frame)
     answer = fit_with_causes(best.data, first.scene, keys, cold=False, slips=False)
     fit = answer.fit
-    others = [s.chi for s in starts if s is not best and s.lying[:3] != best.lying[:3]]
-    rivals = min(others, default=float("inf"))
+    other_ways = [s.chi for s in starts if s is not best and s.lying[:3] != best.lying[:3]]
+    rivals = min(other_ways, default=float("inf"))
     clear = fit.chi <= CLEAR_CHI and rivals > CLEAR_CHI * fit.chi
     load, load_n = float(fit.scene.get(LOAD)), given.load_n
     assert load_n is not None
@@ -240,52 +205,55 @@ def find_contact(
         raise PhysicsError(
             "fringes_frame_those_load", name=frame.name, index=frame.index, load=load, load_n=load_n
         )
-    return _with_doubts(frame.index, best.lying, answer)
+    return best.lying, answer
 
 
-def _with_doubts(index: int, lying: Lying, answer: Freed[Any]) -> ContactFit:
-    """A fit as a contact, with what is said of it, and the keys that other causes explain too."""
-    messages = cause_messages(answer, light=light_matters(answer))
-    if answer.fit.chi > POOR_CHI:
-        messages += (message("chi_frame_holds_more", chi=answer.fit.chi),)
-    rivals = rival_causes(answer)
-    unsure = {k: rivals[c.name] for c in answer.causes if c.name in rivals for k in c.keys}
-    return ContactFit(index, lying, answer.data, answer.fit, messages, unsure)
-
-
-def _best_start(
-    starts: tuple[PictureStart, ...], keys: tuple[str, ...], frame: Frame
-) -> tuple[PictureStart, FrameFit]:
-    """The start that leads to the least residual, and its fit; refused where two leave the same."""
+def _ranked(
+    starts: Iterable[PictureStart], keys: tuple[str, ...], *, cold: bool
+) -> list[tuple[FrameFit, PictureStart]]:
+    """The fits that starts lead to, by rising chi, without those that no bench has."""
     fits: list[tuple[FrameFit, PictureStart]] = []
-    for start in starts[:_MOST_RIVALS]:
+    for start in starts:
         try:
-            fit = fit_frame(start.data, start.scene, keys, cold=False)
+            fit = fit_frame(start.data, start.scene, keys, cold=cold)
         except (InputError, PhysicsError):
             continue  # it has left the picture, or its contact cannot be solved
         if fit.positive and not _is_no_bench(fit):
             fits.append((fit, start))
-    fits.sort(key=lambda pair: pair[0].chi)
-    if not fits or fits[0][0].chi > _HOPELESS:
+    return sorted(fits, key=lambda pair: pair[0].chi)
+
+
+def _is_lost(fit: FrameFit, start: PictureStart) -> bool:
+    """Whether a fit is so far off that its values say nothing, as `process` has it."""
+    sigma = start.data.toned(fit.scene.get(GAMMA)).sigma
+    return fit.chi * evaluate_model(start.data, fit.scene).contrast_noise(sigma) > TOO_FAR
+
+
+def _clear_best(
+    fits: list[tuple[FrameFit, PictureStart]], frame: Frame
+) -> tuple[FrameFit, PictureStart]:
+    """The best fit of a contact; refused where it says nothing, or another leaves as little."""
+    if not fits or _is_lost(*fits[0]):
         raise _unexplained(frame, fits[0][0].chi if fits else None)
-    for (fit, start), (other, second) in pairwise(fits[:2]):
-        loads, frictions = ([f.scene.get(key) for f in (fit, other)] for key in (LOAD, FRICTION))
+    first, best = fits[0]
+    for other, second in fits[1:2]:
+        loads, frictions = ([f.scene.get(k) for f in (first, other)] for k in (LOAD, FRICTION))
         same = abs(loads[1] / loads[0] - 1.0) < 0.01 and abs(frictions[1] - frictions[0]) < 0.01
-        same = same and start.lying[:3] == second.lying[:3]
-        if other.chi < ALIKE_CHI * fit.chi and not same:
-            words, others = _in_words(fit, start), _in_words(other, second)
+        same = same and best.lying[:3] == second.lying[:3]
+        if other.chi < ALIKE_CHI * first.chi and not same:
+            words, words_2 = _in_words(first, best), _in_words(other, second)
             raise PhysicsError(
                 "two_scenes_explain_frame_alike",
-                name=frame.name, index=frame.index, in_words=words, in_words_2=others,
+                name=frame.name, index=frame.index, in_words=words, in_words_2=words_2,
             )  # fmt: skip
-    return fits[0][1], fits[0][0]
+    return first, best
 
 
 def _is_no_bench(fit: FrameFit) -> bool:
     """Whether a fit has run to a friction or a gamma that no bench has."""
     least, most = _GAMMAS
     gamma = GAMMA in fit.keys and not least < fit.scene.get(GAMMA) < most
-    return bool(gamma or abs(fit.scene.get(FRICTION)) > _MOST_FRICTION)
+    return bool(gamma or abs(fit.scene.friction_at(0.0)) > _MOST_FRICTION)
 
 
 def _unexplained(frame: Frame, chi: float | None) -> PhysicsError:
@@ -312,30 +280,33 @@ def draft_contact(frames: FrameReader, given: KnownValues) -> SceneDraft:
     scene = start_scene(given, friction={"coefficient": 0.0}, camera=camera)
     check_moduli(scene)
     check_pixel(scene, frames.shape)
-    contact = _first_explained(frames, scene, given)
-    values = _found_values(contact, given)
+    index, lying, answer = _first_explained(frames, scene, given)
+    fit, messages = answer.fit, cause_messages(answer, light=light_matters(answer))
+    if answer.fit.chi > POOR_CHI:
+        messages += (message("chi_frame_holds_more", chi=fit.chi),)
+    values = _found_values(lying, answer, given)
     sentences = [
-        f"Frame {contact.frame} was looked at: the contact's fringes leave {contact.fit.chi:.2f} "
-        "times its noise.",
+        f"Frame {index} was looked at: the contact's fringes leave {fit.chi:.2f} times its noise.",
         "What follows ± is the standard uncertainty by the frame's noise alone: what was given is "
         "taken as exact. Where that is measured, { value = ..., standard_uncertainty = ... } says "
         "how well.",
     ]
-    chi, draw = contact.fit.chi, partial(draft_figure, contact.data, contact.fit.scene, values)
+    draw = partial(draft_figure, answer.data, fit.scene, values)
     return written_draft(
-        frames, given, contact.frame, sentences, values, draw, warnings=contact.messages, chi=chi
+        frames, given, index, sentences, values, draw, warnings=messages, chi=fit.chi
     )
 
 
-def _first_explained(frames: FrameReader, scene: Scene, given: KnownValues) -> ContactFit:
-    """The contact in the first frame that it explains; else what was said of the first frame that
-    shows fringes."""
+def _first_explained(
+    frames: FrameReader, scene: Scene, given: KnownValues
+) -> tuple[int, Lying, Freed[Any]]:
+    """The first frame that a contact explains, and that; else the first refusal with fringes."""
     refused: IsochromeError | None = None
     bare: list[Frame] = []
     for index in frames_to_look_at(frames, given):
         frame = frame_of(frames, index, given)
         try:
-            return find_contact(frame, scene, given, bit_depth=frames.bit_depth)
+            return index, *find_contact(frame, scene, given, bit_depth=frames.bit_depth)
         except PhysicsError as error:
             if has_no_fringes(prepare_frame(frame, scene, bit_depth=frames.bit_depth)):
                 bare.append(frame)
@@ -347,36 +318,44 @@ def _first_explained(frames: FrameReader, scene: Scene, given: KnownValues) -> C
     raise refused
 
 
-def _found_values(contact: ContactFit, given: KnownValues) -> list[DraftValue]:
-    """What the frame tells."""
-    fit, lying = contact.fit, contact.lying
+def _found_values(lying: Lying, answer: Freed[Any], given: KnownValues) -> list[DraftValue]:
+    """What the frame tells, with the keys that it cannot tell from other causes."""
+    fit, rivals = answer.fit, rival_causes(answer)
+    number = fit.keys.index(FRICTION)
+    friction, spread = float(fit.values[number]), float(fit.standard_uncertainty[number])
+    has_side = abs(friction) > _HAS_SIDE * spread
+    side = "right" if friction > 0.0 else "left"
+    again = "without --flip" if lying.flip else "with --flip horizontal"
+    dragged = (
+        f"the cylinder drags the surface to the {side} of the picture; if it slides the other way "
+        f"on the bench, a mirror was between: run init again {again}"
+    )
     camera = fit.scene.camera
     assert camera is not None and camera.top_mm is not None and camera.pixel_mm is not None
     row = -camera.top_mm / camera.pixel_mm
     place = f"is row {row:.1f}" if row >= 0.0 else f"is {-row:.1f} rows above the picture"
     notes = {
         LOAD: f"about {given.load_n:g} was given",
-        FRICTION: _side(contact),
+        FRICTION: dragged if has_side else "no friction is seen in this frame",
         LEFT: "of the first column's outer edge, from the middle of the contact",
         TOP: f"of the first row's outer edge, below the surface, which {place}",
     }
-    for key, names in contact.unsure.items():
-        others = " or ".join(names)
-        notes[key] = f"the frame asks for it, or for {others}, and cannot tell which"
-    values = fitted_values(fit, notes, given, lying.field, lying.rotate_deg)
-    if _is_seen(contact):
+    for cause in answer.causes:
+        if cause.name in rivals:
+            others = " or ".join(rivals[cause.name])
+            note = f"the frame asks for it, or for {others}, and cannot tell which"
+            notes |= dict.fromkeys(cause.keys, note)
+    values = fitted_values(fit, notes, given, lying)
+    if has_side:
         return values
     # a friction that is not seen would state a side
     return [replace(one, value=0.0) if one.key == FRICTION else one for one in values]
 
 
 def fitted_values(
-    fit: FrameFit, notes: Mapping[str, str], given: KnownValues, field: str, turn: int
+    fit: FrameFit, notes: Mapping[str, str], given: KnownValues, lying: Lying
 ) -> list[DraftValue]:
-    """What a fit tells, each key with its note, and how the picture is taken where that was found.
-
-    A key without a note is one that the frame asks for besides.
-    """
+    """What a fit tells, and how the picture lies; a key without a note the frame asks for."""
     spread = dict(zip(fit.keys, fit.standard_uncertainty.tolist(), strict=True))
     notes = {GAMMA: "the camera stores light^(1/gamma)"} | dict(notes)
     values = [
@@ -385,30 +364,11 @@ def fitted_values(
         for key in dict.fromkeys((*FOUND, GAMMA, *fit.keys))
         if key in spread
     ]  # fmt: skip
-    values += [DraftValue(FIELD, field, "found")] * (given.field is None)
-    if given.rotate_deg is None and turn:
+    values += [DraftValue(FIELD, lying.field, "found")] * (given.field is None)
+    if given.rotate_deg is None and lying.rotate_deg:
         note = "quarter turns, counter-clockwise, after which the load comes from above"
-        values.append(DraftValue(TURN, turn, "found", note=note))
+        values.append(DraftValue(TURN, lying.rotate_deg, "found", note=note))
     return values
-
-
-def _is_seen(contact: ContactFit) -> bool:
-    """Whether friction is more than nothing."""
-    place = contact.fit.keys.index(FRICTION)
-    spread = float(contact.fit.standard_uncertainty[place])
-    return abs(float(contact.fit.values[place])) > _HAS_SIDE * spread
-
-
-def _side(contact: ContactFit) -> str:
-    """Which way friction points, and that a mirror would look the same."""
-    if not _is_seen(contact):
-        return "no friction is seen in this frame"
-    side = "right" if float(contact.fit.scene.get(FRICTION)) > 0.0 else "left"
-    again = "without --flip" if contact.lying.flip else "with --flip horizontal"
-    return (
-        f"the cylinder drags the surface to the {side} of the picture; if it slides the other way "
-        f"on the bench, a mirror was between: run init again {again}"
-    )
 
 
 _NOTES = {
@@ -427,21 +387,37 @@ _STANDARD = {
 
 
 def draft_disc(frames: FrameReader, given: KnownValues) -> SceneDraft:
-    """Draft the scene of a disc under diametral load; see `draft_scene`.
-
-    Its rim gives place and scale roughly, and its fringes closely, with load, field, gamma, and
-    whether it lies on its side.
-    """
+    """Draft the scene of a disc; PhysicsError where no turn and field explains it, or two."""
     frame = frame_of(frames, frames_to_look_at(frames, given)[0], given)
     camera = {} if given.pixel_mm is None else {"pixel_mm": given.pixel_mm}
     bare = start_scene(given, specimen={"shape": "disc"}, camera=camera)
-    data, fit = _fitted(prepare_frame(frame, bare, bit_depth=frames.bit_depth), bare, given)
-    scene = fit.scene
-    values = fitted_values(fit, _NOTES, given, scene.polariscope.field, scene.frames.rotate_deg)
+    data = prepare_frame(frame, bare, bit_depth=frames.bit_depth)
+    # half a turn changes nothing
+    turns: tuple[int, ...] = (0, 90) if given.rotate_deg is None else (given.rotate_deg,)
+    fields = _FIELDS if given.field is None else (given.field,)
+    starts = []
+    for turn, field in product(turns, fields):
+        turned = data.lying(partial(as_turned, rotate_deg=turn, flip=given.flip))
+        scene, _ = placed_disc(bare.with_values({FIELD: field, TURN: turn}), turned)
+        lying = Lying(turn, given.flip, field, scene.frames.stated_gamma)
+        starts.append(PictureStart(lying, scene, turned, math.nan))
+    stated = {GAMMA: given.gamma, PIXEL: given.pixel_mm}
+    keys = (*free_keys(scene), *(key for key, value in stated.items() if value is None))
+    fits = _ranked(starts, keys, cold=True)
+    if not fits or _is_lost(*fits[0]):
+        raise PhysicsError("disc_fringes_not_frame", name=data.name)
+    if len(fits) > 1 and fits[1][0].chi < RIVAL_CHI * fits[0][0].chi:
+        ways = " and ".join(
+            f"turned by {start.lying.rotate_deg} in the {start.lying.field} field"
+            for _, start in fits[:2]
+        )
+        raise PhysicsError("two_scenes_explain_frame", name=data.name, ways=ways)
+    fit, best = fits[0]
+    values = fitted_values(fit, _NOTES, given, best.lying)
     leave = f"the disc's fringes leave {fit.chi:.2f} times its noise."
     sentences = [f"Frame {frame.index} was looked at: {leave}"]
     warnings = [] if fit.chi <= POOR_CHI else [message("chi_disc_fringes_leave", chi=fit.chi)]
-    draw = partial(draft_figure, data, scene, values)
+    draw = partial(draft_figure, best.data, fit.scene, values)
     return written_draft(
         frames, given, frame.index, sentences, values, draw, warnings=warnings, chi=fit.chi
     )
@@ -454,43 +430,10 @@ def draft_without_model(frames: FrameReader, given: KnownValues) -> SceneDraft:
     hints = {quantity.key: quantity.question for quantity in quantities} | _STANDARD
     open_keys = [OpenKey(key, hint) for key, hint in hints.items()]
     sentences = [message("specimen_has_no_model")]
-    draw = partial(frame_figure, as_turned(frame.image, given.rotate_deg or 0, given.flip))
+    image = as_turned(frame.image, given.rotate_deg or 0, given.flip)
+    kind = PictureKind(name="", draw=lambda axes, _: _in_grey(axes, image, like=image))
+    draw = partial(panels_figure, PaperPanels(kinds=[kind], labels=["the frame"]), "")
     return written_draft(frames, given, frame.index, sentences, (), draw, open_keys=open_keys)
-
-
-def _fitted(data: FrameData, bare: Scene, given: KnownValues) -> tuple[FrameData, FrameFit]:
-    """The disc's fit, and the frame as it lies, under the turn and field that explain it best.
-
-    Half a turn changes nothing. Raises PhysicsError where the fringes of none are in the frame, or
-    those of two.
-    """
-    turns = (0, 90) if given.rotate_deg is None else (given.rotate_deg,)
-    fields = ("dark", "bright") if given.field is None else (given.field,)
-    fits: list[tuple[FrameData, FrameFit]] = []
-    for turn, field in product(turns, fields):
-        turned = data.lying(partial(as_turned, rotate_deg=turn, flip=given.flip))
-        scene, _ = placed_disc(bare.with_values({FIELD: field, TURN: turn}), turned)
-        stated = {GAMMA: given.gamma, PIXEL: given.pixel_mm}
-        keys = (*free_keys(scene), *(key for key, value in stated.items() if value is None))
-        try:
-            fit = fit_frame(turned, scene, keys)
-            # so far off that its values say nothing, as `process` has it
-            if fit.positive:
-                sigma = turned.toned(fit.scene.get(GAMMA)).sigma
-                if fit.chi * evaluate_model(turned, fit.scene).contrast_noise(sigma) <= TOO_FAR:
-                    fits.append((turned, fit))
-        except (InputError, PhysicsError):
-            continue  # the fit has left the picture
-    fits.sort(key=lambda pair: pair[1].chi)
-    if not fits:
-        raise PhysicsError("disc_fringes_not_frame", name=data.name)
-    if len(fits) > 1 and fits[1][1].chi < RIVAL_CHI * fits[0][1].chi:
-        ways = " and ".join(
-            f"turned by {fit.scene.frames.rotate_deg} in the {fit.scene.polariscope.field} field"
-            for _, fit in fits[:2]
-        )
-        raise PhysicsError("two_scenes_explain_frame", name=data.name, ways=ways)
-    return fits[0]
 
 
 PREVIEW_FILE = "scene.png"
@@ -499,11 +442,9 @@ PREVIEW_FILE = "scene.png"
 def draft_scene(
     frames: FramesLike, given: KnownValues, leave_out: Sequence[str | Path]
 ) -> SceneDraft:
-    """Draft a scene from frames and what is known besides; nothing is written.
+    """Draft a scene from frames as captured and what is known besides; nothing is written.
 
-    Frames are read as captured: not turned, without a region of interest; `leave_out`, see
-    `open_frames`. InputError names the option without which nothing can be found; PhysicsError
-    where no contact's or disc's fringes are seen.
+    InputError names the option without which nothing can be found; PhysicsError: no fringes of it.
     """
     drafts = {"contact": draft_contact, "disc": draft_disc, "other": draft_without_model}
     taken = {name: getattr(given, name) for name in ("channel", "wavelength_nm", "bit_depth")}

@@ -27,10 +27,7 @@ Shape = Literal["contact", "disc", "other"]
 
 @dataclass(frozen=True, kw_only=True)
 class KnownValues:
-    """What is known besides the frames, as captured; None = not known.
-
-    A contact's field, gamma and quarter turns are searched for where they are not known.
-    """
+    """What is known besides the frames, as captured; None = not known, or to be searched for."""
 
     shape: Shape = "contact"  # a cylinder on a half-plane, a disc, or something without a model
     young_gpa: float | None = None
@@ -117,11 +114,7 @@ def written_draft(
     warnings: Sequence[str] = (),
     chi: float | None = None,
 ) -> SceneDraft:
-    """Write a scene with sentences above it, and read it back; its `frame` was looked at.
-
-    It has what was given of it, what the file tells, what was `fitted`, what is known of the light,
-    and what is open of all that and of the recording.
-    """
+    """A scene of what is given, what the file tells, what was `fitted`; what is open; read back."""
     turn = next((value.value for value in fitted if value.key == TURN), given.rotate_deg)
     values = [
         *given_values(given), *file_values(reader, given, turned=turn in (90, 270)), *fitted
@@ -149,11 +142,7 @@ def written_draft(
 
 
 def scene_text(head: Sequence[str], lines: Sequence[tuple[str, str, str]]) -> str:
-    """A scene, or set, as TOML: sentences above it, and a line for each key, value and comment.
-
-    A comment too long stands above; where no value is written, the line is to be filled in, and a
-    comment until then.
-    """
+    """A scene or set as TOML: sentences, then key, value, comment; no value: to be filled in."""
     parts = ["\n".join(line for sentence in head for line in _comment(sentence))]
     for table in ("beam", "disc", *Scene.model_fields, "uncertainty"):
         part = []
@@ -321,10 +310,7 @@ def name_of(reader: FrameReader) -> str:
 
 
 def not_among_frames(frames: FramesLike) -> tuple[Path, ...]:
-    """The files of a folder that are none of its frames; of frames that are no folder, none.
-
-    Those that the scene in it names, such as its no-load frames; without one, by their names.
-    """
+    """Files of a folder that its scene names; without one, no-load frames by their names."""
     if not (isinstance(frames, str | Path) and Path(frames).is_dir()):
         return ()
     folder = Path(frames)
@@ -419,14 +405,6 @@ def file_values(reader: FrameReader, given: KnownValues, *, turned: bool) -> lis
     return values
 
 
-def light_tables(given: KnownValues) -> dict[str, dict[str, Any]]:
-    """What is known of the polariscope and of the frames' gamma, dark and 1 where it is not."""
-    light: dict[str, Any] = {"field": given.field or "dark"}
-    if given.wavelength_nm is not None:
-        light["wavelength_nm"] = given.wavelength_nm
-    return {"polariscope": light, "frames": {"gamma": 1.0 if given.gamma is None else given.gamma}}
-
-
 def open_of_set(reader: FrameReader, given: KnownValues) -> list[OpenKey]:
     """What of the light and of the recording is still open, and of a scene without a model."""
     wavelength = QUANTITIES["wavelength_nm"]
@@ -459,7 +437,6 @@ def described_set(reader: FrameReader) -> str:
     """What the frames are, for the scene's head."""
     rows, cols = reader.shape
     depth = "fractions of full scale" if reader.bit_depth is None else f"{reader.bit_depth} bits"
-    count = counted(reader.count(decode=False), "frame")
-    rate = frame_rate(reader)
+    count, rate = counted(reader.count(decode=False), "frame"), frame_rate(reader)
     timed = "" if rate is None else f", {rate:.4g} a second by their times"
     return f"{Path(name_of(reader)).name}: {count} of {cols} x {rows} pixels, {depth}{timed}."

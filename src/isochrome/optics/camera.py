@@ -50,10 +50,9 @@ class Response:
 
 
 def camera_response(camera: Camera, path: Path | None = None) -> Response:
-    """Response of three channels where the scene's camera sees colour, of one where it does not.
+    """Response of a camera's three channels, or one, by its CSV file; None: the generic one.
 
-    `path` is its response file, a CSV file with wavelength_nm and a column for each channel, None
-    for the generic one; InputError names the file and the fix.
+    The file has wavelength_nm and a column for each channel; InputError names it and the fix.
     """
     names = COLOURS if camera.colour else GREY
     if path is None:
@@ -83,8 +82,14 @@ def expose(
     """
     rng = np.random.default_rng(camera.seed) if rng is None else rng
     light = signal
-    if camera.vignette != 0.0 or camera.brightness != 1.0:
-        light = camera.brightness * illumination(signal.shape, camera) * light
+    if camera.vignette != 0.0:
+        rows, cols = (np.linspace(-1.0, 1.0, n) for n in signal.shape[:2])
+        fall_off = 1.0 - camera.vignette * 0.5 * (rows[:, None] ** 2 + cols[None, :] ** 2)
+        # alike in all channels
+        fall_off = fall_off.reshape(signal.shape[:2] + (1,) * (signal.ndim - 2))
+        light = camera.brightness * fall_off * light
+    elif camera.brightness != 1.0:
+        light = camera.brightness * light
     if camera.background != 0.0:
         light = camera.background + light
     light = blurred(light, camera.blur_px)
@@ -95,7 +100,15 @@ def expose(
     if camera.bit_depth is None:
         noise = rng.normal(0.0, camera.noise_grey, stored.shape) if camera.noise_grey else 0.0
         return (stored + noise).astype(np.float32)
-    return _digitised(stored, camera.bit_depth, camera.noise_grey, rng)
+    full = 2.0**camera.bit_depth - 1.0
+    frame = np.empty(stored.shape, stored_type(camera.bit_depth))
+    for start in range(0, len(stored), ROWS_AT_ONCE):
+        grey = stored[start : start + ROWS_AT_ONCE] * full
+        if camera.noise_grey > 0.0:
+            grey = grey + rng.normal(0.0, camera.noise_grey, grey.shape)
+        np.rint(grey, out=grey)
+        frame[start : start + ROWS_AT_ONCE] = np.clip(grey, 0.0, full, out=grey)
+    return frame
 
 
 def stored_type(bit_depth: int | None) -> np.dtype[Any]:
@@ -103,21 +116,6 @@ def stored_type(bit_depth: int | None) -> np.dtype[Any]:
     if bit_depth is None:
         return np.dtype(np.float32)
     return np.dtype(np.uint8 if bit_depth <= 8 else np.uint16)
-
-
-def _digitised(
-    stored: Array, bit_depth: int, noise_grey: float, rng: np.random.Generator
-) -> NDArray[np.generic]:
-    """Grey levels of stored light, with read noise, rounded and clipped, some rows at a time."""
-    full = 2.0**bit_depth - 1.0
-    frame = np.empty(stored.shape, stored_type(bit_depth))
-    for start in range(0, len(stored), ROWS_AT_ONCE):
-        grey = stored[start : start + ROWS_AT_ONCE] * full
-        if noise_grey > 0.0:
-            grey = grey + rng.normal(0.0, noise_grey, grey.shape)
-        np.rint(grey, out=grey)
-        frame[start : start + ROWS_AT_ONCE] = np.clip(grey, 0.0, full, out=grey)
-    return frame
 
 
 _TERMS = 6
@@ -159,12 +157,3 @@ def _blur_kernel(sigma_px: float) -> Array:
     reach = int(np.abs(np.flatnonzero(np.abs(kernel) > _LEAST_WEIGHT) - middle).max())
     weights = kernel[middle - reach : middle + reach + 1]
     return np.asarray(weights / weights.sum())
-
-
-def illumination(shape: tuple[int, ...], camera: Camera) -> Array | float:
-    """Fall-off of the light, 1 - vignette r², r = 1 in the corners (rows, cols), or (.., .., 1)."""
-    if camera.vignette == 0.0:
-        return 1.0
-    rows, cols = (np.linspace(-1.0, 1.0, n) for n in shape[:2])
-    fall_off = 1.0 - camera.vignette * 0.5 * (rows[:, None] ** 2 + cols[None, :] ** 2)
-    return fall_off if len(shape) == 2 else fall_off[:, :, None]

@@ -44,14 +44,11 @@ def fringe_order(
 
 Array = NDArray[np.floating]
 
-_HALF_HEIGHT = math.sqrt(8.0 * math.log(2.0))
-"""Width of a Gaussian at half its height over its standard deviation."""
-
 _Angles = tuple[float, float | None, float | None, float]
 """Polariser, input plate, output plate, analyser (degrees); no plates in a plane polariscope."""
 
 _DARK: _Angles = (90.0, 45.0, -45.0, 0.0)
-_BRIGHT: _Angles = (*_DARK[:3], 90.0)
+"""In the bright field the analyser lies along the polariser."""
 
 
 @dataclass(frozen=True)
@@ -85,11 +82,14 @@ def make_chain(
         ratio = polariscope.plate_wavelength_nm / wavelength_nm
     band = 0.0
     if polariscope.bandwidth_nm is not None and polariscope.wavelength_nm is not None:
-        band = polariscope.bandwidth_nm / _HALF_HEIGHT / polariscope.wavelength_nm
+        half_height = math.sqrt(8.0 * math.log(2.0))  # a Gaussian's width there, over its deviation
+        band = polariscope.bandwidth_nm / half_height / polariscope.wavelength_nm
     polariser, first, second, analyser = _angles_of(polariscope, step)
-    if step is None and ratio == 1.0 and (polariser, first, second, analyser) in (_DARK, _BRIGHT):
-        dark = analyser == _DARK[3]
-        return Chain(0j, 1 + 0j, 1j, 1, band) if dark else Chain(1 + 0j, 0j, 0j, -1, band)
+    if step is None and ratio == 1.0 and (polariser, first, second) == _DARK[:3]:
+        if analyser == _DARK[3]:
+            return Chain(0j, 1 + 0j, 1j, 1, band)
+        if analyser == polariser:
+            return Chain(1 + 0j, 0j, 0j, -1, band)
     light, output = _axis(polariser), _axis(analyser)
     if first is not None and second is not None:
         light = retarder(0.5 * math.pi * ratio, first) @ light
@@ -119,7 +119,9 @@ def band_pass(order: Array, width: float) -> tuple[Array, Array]:
 
 def _angles_of(polariscope: Polariscope, step: int | None) -> _Angles:
     """Angles of the elements as they stand, errors included (degrees)."""
-    polariser, first, second, analyser = _DARK if polariscope.field == "dark" else _BRIGHT
+    polariser, first, second, analyser = _DARK
+    if polariscope.field == "bright":
+        analyser = polariser
     if step is not None:
         angles = polariscope.step[step]
         polariser, analyser = angles.polariser_deg, angles.analyser_deg
@@ -182,10 +184,7 @@ class FringeWave:
 def polariscope_wave(
     order: Array, chain: Chain, *, direction: Array | None = None, visibility: Array | float = 1.0
 ) -> FringeWave:
-    """The light behind the analyser near an order, as `polariscope_signal` has it at the order.
-
-    What a band of wavelengths does is taken there: it changes little within a branch.
-    """
+    """The light near an order; what a band of wavelengths does changes little within a branch."""
     # in place: a fresh array of a frame costs more than the arithmetic on it
     turns = np.asarray(np.rint(order))
     np.subtract(order, turns, out=turns)
@@ -345,10 +344,7 @@ def _sinc(x: Array) -> Array:
 
 
 def _slope(order: Array, axis: int) -> Array:
-    """Fringes a pixel along an axis: the mean of the differences to the neighbours with an order.
-
-    An edge of the specimen is so no fringe; 0 where there is neither neighbour.
-    """
+    """Fringes a pixel along an axis, of the neighbours with an order: an edge is no fringe."""
     if order.shape[axis] < 2:
         return np.zeros_like(order)
     slope = np.empty_like(order)  # central differences, one-sided at the borders
@@ -403,24 +399,15 @@ def _bend(order: Array, axis: int) -> Array:
     return bend
 
 
-_STEP = 1.0 / 128.0
+_STEP = 0.0078125
 """Of the table over N: cubic pieces hold cos 2 pi k N to (2 pi k/128)⁴/384, 7e-8 at k = 1.5."""
-
-_DARKEST = 1e-300
-"""Keeps the logarithm of a visibility finite; its product with that visibility is then nothing."""
-
-_BLOCK = 64
-"""Orders of the table at a time."""
 
 _VISIBLE = 1e-3
 """Contrast below which a pixel's waves are left out of what a table must reach."""
 
 
 def highest_visible(order: Array, visibility: Array | float = 1.0) -> float:
-    """The highest order N of a picture that leaves a thousandth of its contrast or more, or 0.
-
-    Beside a point load N has no bound, and no fringes either.
-    """
+    """The highest order that leaves a thousandth of its contrast: at a load N has no bound."""
     return float(np.max(order, where=np.asarray(visibility) > _VISIBLE, initial=0.0))
 
 
@@ -467,7 +454,8 @@ def spectral_signal(
         amplitudes = (np.einsum("sv,sa->sva", both, terms) for terms in (cosine, sine))
         waves = _wave_table(float(order.max()), ratio, *amplitudes)(order)
         steady, change = (_over(angles, wave) for wave in np.moveaxis(waves, -2, 0))
-        wave = steady + np.log(np.maximum(contrast, _DARKEST)) * change
+        # the smallest number: the logarithm stays finite, and its product with the contrast nothing
+        wave = steady + np.log(np.maximum(contrast, np.finfo(float).tiny)) * change
         signals.append(_over(angles, weights @ still) + contrast**mean * wave)
     return np.stack(signals, axis=-1)
 
@@ -502,16 +490,16 @@ def _wave_table(
     """
     from scipy.interpolate import CubicHermiteSpline
 
-    blocks = int(highest / (_STEP * _BLOCK)) + 1
-    order = _STEP * np.arange(blocks * _BLOCK + 1)
+    blocks = int(highest / (_STEP * ROWS_AT_ONCE)) + 1
+    order = _STEP * np.arange(blocks * ROWS_AT_ONCE + 1)
     speed = 2.0 * np.pi * ratio
     wave = (cosine - 1j * sine).reshape(len(ratio), -1)
     both = np.hstack([wave, 1j * speed[:, None] * wave])  # the value, and the slope
-    first = np.exp(1j * np.outer(order[: _BLOCK + 1], speed))
+    first = np.exp(1j * np.outer(order[: ROWS_AT_ONCE + 1], speed))
     table = np.empty((len(order), both.shape[1]))
-    for start in range(0, blocks * _BLOCK, _BLOCK):
+    for start in range(0, blocks * ROWS_AT_ONCE, ROWS_AT_ONCE):
         turned = np.exp(1j * speed * order[start])[:, None] * both
-        table[start : start + _BLOCK + 1] = (first @ turned).real
+        table[start : start + ROWS_AT_ONCE + 1] = (first @ turned).real
     value, slope = np.moveaxis(table.reshape(len(order), 2, *cosine.shape[1:]), 1, 0)
     result: Callable[[Array], Array] = CubicHermiteSpline(order, value, slope)
     return result

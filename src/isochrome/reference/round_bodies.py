@@ -10,6 +10,7 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
+from numpy.polynomial.polynomial import polyval
 from numpy.typing import ArrayLike
 
 from isochrome.errors import InputError
@@ -236,33 +237,20 @@ def ring_stress(
     material = np.isfinite(disc.sigma_x) & (np.abs(s) >= ratio * (1.0 - SLACK))
     unit = load_n / (np.pi * diameter_mm * thickness_mm)
     total, difference = np.full(s.shape, np.nan), np.full(s.shape, complex(np.nan, np.nan))
-    total[material], difference[material] = _hole_field(s[material], ratio)
+    s, series = s[material], _ring_series(ratio)
+    grow, fall = np.square(s), np.square(ratio / s)
+    orders = 2.0 * np.arange(len(series.grow_phi))
+    phi = polyval(grow, series.grow_phi) + polyval(fall, series.fall_phi)
+    psi = polyval(grow, series.grow_psi) + polyval(fall, series.fall_psi)
+    # s Φ', so that s̄ Φ' = (s̄/s) s Φ' without a power of its own
+    slope = polyval(grow, orders * series.grow_phi) - polyval(fall, orders * series.fall_phi)
+    total[material] = 4.0 * phi.real
+    difference[material] = -2.0 * (np.conj(s) / s * slope + psi)
     return StressComponents(
         sigma_x=np.asarray(disc.sigma_x + 0.5 * unit * (total + difference.real)),
         sigma_z=np.asarray(disc.sigma_z + 0.5 * unit * (total - difference.real)),
         tau_xz=np.asarray(disc.tau_xz + 0.5 * unit * difference.imag),
     )
-
-
-def _hole_field(s: Complexes, ratio: float) -> tuple[Floats, Complexes]:
-    """sx + sz and (sx - sz) + 2i txz of the series, over P/(2π R d), at s over the radius R."""
-    series = _ring_series(ratio)
-    grow, fall = np.square(s), np.square(ratio / s)
-    orders = 2.0 * np.arange(len(series.grow_phi))
-    phi = _power_sum(series.grow_phi, grow) + _power_sum(series.fall_phi, fall)
-    psi = _power_sum(series.grow_psi, grow) + _power_sum(series.fall_psi, fall)
-    # s Φ', so that s̄ Φ' = (s̄/s) s Φ' without a power of its own
-    slope = _power_sum(orders * series.grow_phi, grow) - _power_sum(orders * series.fall_phi, fall)
-    return 4.0 * phi.real, -2.0 * (np.conj(s) / s * slope + psi)
-
-
-def _power_sum(coefficients: Floats, power: Complexes) -> Complexes:
-    """Σ c_n p^n by Horner's rule."""
-    total = np.full(power.shape, coefficients[-1], dtype=complex)
-    for coefficient in coefficients[-2::-1]:
-        total *= power
-        total += coefficient
-    return total
 
 
 @lru_cache(maxsize=8)

@@ -29,6 +29,7 @@ from .parts import (
 )
 from .toml import (
     LIBRARY,
+    MAX_BYTES,
     SceneLike,
     as_tables,
     dump_scene,
@@ -49,6 +50,7 @@ from .whole import STIFFEST_GPA, UNDOUBTED_MM, Scene, check_moduli, check_pixel,
 __all__ = [
     "BODIES",
     "LIBRARY",
+    "MAX_BYTES",
     "STIFFEST_GPA",
     "UNDOUBTED_MM",
     "AddedTractions",

@@ -217,9 +217,7 @@ FramesLike = str | Path | Sequence[str | Path] | FrameSequence | ArrayFrames
 
 
 def frames_of(given: FramesLike | Iterator[str | Path]) -> FramesLike:
-    """Names of files as a caller gives them, all else as ArrayFrames; InputError where it is
-    neither.
-    """
+    """Names of files as a caller gives them, all else as ArrayFrames; InputError for neither."""
     if isinstance(given, str | Path | ArrayFrames):
         return given
     if isinstance(given, Iterator):

@@ -1,16 +1,11 @@
-"""The camera of a scene, and how its captured frames are to be read.
-
-Where in a frame the user knows the fringe order: points, fringe lines, free boundaries.
-
-What the parts of a scene are made of: the table, its numbers, and values over distance.
-"""
+"""What the parts of a scene are made of; its camera, and how its captured frames are to be read."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
 from math import acos, degrees, hypot
-from typing import Annotated, Any, Literal, TypeVar, cast
+from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,6 +45,8 @@ class ScenePart(BaseModel):
     """A table of the scene file: frozen, and closed to unknown keys."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=False)
+    samples: ClassVar[tuple[str, ...]] = ()
+    """Keys of places, which rise, and of as many numbers there."""
 
     @field_validator("*", mode="before")
     @classmethod
@@ -63,6 +60,24 @@ class ScenePart(BaseModel):
         if isinstance(value, bool) and not wants_truth:
             raise PydanticCustomError("truth", message("input_should_not_true"))
         return value
+
+    @model_validator(mode="after")
+    def _same_length_rising(self) -> Self:
+        if not self.samples:
+            return self
+        place, *names = self.samples
+        places = getattr(self, place)
+        for name in names:
+            count = len(getattr(self, name))
+            if len(places) != count:
+                text = message(
+                    "has_numbers_has_give", place=place, places_count=len(places), value=name,
+                    values_count=count,
+                )  # fmt: skip
+                raise ValueError(text)
+        if any(b <= a for a, b in pairwise(places)):
+            raise ValueError(message("must_rise_but_sort", place=place, places=list(places)))
+        return self
 
 
 def _of_numpy(value: Any) -> Any:
@@ -85,13 +100,9 @@ class DistanceTable(ScenePart):
         The values there, in the unit of the key.
     """
 
+    samples: ClassVar[tuple[str, ...]] = ("distance_m", "value")
     distance_m: Annotated[tuple[NonNegative, ...], Field(min_length=2)]
     value: Annotated[tuple[Finite, ...], Field(min_length=2)]
-
-    @model_validator(mode="after")
-    def _same_length_rising(self) -> DistanceTable:
-        check_samples(self, "distance_m", "value")
-        return self
 
 
 class PositiveTable(DistanceTable):
@@ -112,48 +123,26 @@ class NonNegativeTable(DistanceTable):
     value: Annotated[tuple[NonNegative, ...], Field(min_length=2)]
 
 
-def check_samples(part: ScenePart, place: str, value: str) -> None:
-    """Refuse samples of which one number has no partner, or whose places do not rise."""
-    places, values = getattr(part, place), getattr(part, value)
-    if len(places) != len(values):
-        text = message(
-            "has_numbers_has_give", place=place, places_count=len(places), value=value,
-            values_count=len(values),
-        )  # fmt: skip
-        raise ValueError(text)
-    if any(b <= a for a, b in pairwise(places)):
-        raise ValueError(message("must_rise_but_sort", place=place, places=list(places)))
-
-
 NUMBER, TABLE = "<number>", "<table>"
 """Tags of the two forms of a value over distance; they do not show in a mistake's key."""
-
-
-def form(value: Any) -> str:
-    """Which of the two forms a value over distance has."""
-    return TABLE if isinstance(value, dict | DistanceTable) else NUMBER
-
-
-def as_dict(value: Any) -> Any:
-    """Any table as a dictionary, so that the key's own kind of table checks its values."""
-    return value.model_dump() if isinstance(value, DistanceTable) else value
 
 
 Number = TypeVar("Number")
 Table = TypeVar("Table")
 OverDistance = Annotated[
-    Annotated[Number, Tag(NUMBER)] | Annotated[Table, BeforeValidator(as_dict), Tag(TABLE)],
-    Discriminator(form),
+    Annotated[Number, Tag(NUMBER)]
+    | Annotated[
+        Table,
+        BeforeValidator(lambda v: v.model_dump() if isinstance(v, DistanceTable) else v),
+        Tag(TABLE),
+    ],
+    Discriminator(lambda v: TABLE if isinstance(v, dict | DistanceTable) else NUMBER),
 ]
-"""A number, or a table of such numbers over sliding distance."""
+"""A number, or a table of such numbers over sliding distance, which the key's own kind checks."""
 
 
 def value_at(value: float | DistanceTable, distance_m: Distance) -> Distance:
-    """A number, or a table's linear interpolation at a distance (m), constant beyond its ends.
-
-    Of any shape. A search puts an array of its own rows for the number, and asks at as many
-    distances.
-    """
+    """A number, or a table's linear interpolation at a distance (m), of any shape."""
     at_distance: Any
     if isinstance(value, DistanceTable):
         at_distance = np.interp(distance_m, value.distance_m, value.value)
@@ -314,19 +303,10 @@ class FreeBoundary(_Path):
         return tuple(sharp)
 
 
-Fraction = Annotated[NonNegative, Field(le=1)]
 Pixels = Annotated[int, Field(ge=1, le=_MOST_PX)]
 Exponent = Annotated[float, Field(ge=0.1, le=10)]
 Bend = Annotated[float, Field(ge=-0.1, le=0.1)]
-
-
 FileName = Annotated[str, Field(min_length=1), AfterValidator(no_escape)]
-# angles are written with a point elsewhere: 90.0 is 90
-Turn = Annotated[
-    Literal[0, 90, 180, 270],
-    BeforeValidator(lambda v: int(v) if isinstance(v, float) and v.is_integer() else v),
-]
-Flip = Literal["horizontal", "vertical"]
 
 
 class Camera(ScenePart):
@@ -389,7 +369,7 @@ class Camera(ScenePart):
     keystone_z: Bend = 0.0
     bit_depth: Annotated[int, Field(ge=1, le=16)] | None = None
     brightness: Annotated[float, Field(gt=0, le=10)] = 1.0
-    background: Fraction = 0.0
+    background: Annotated[NonNegative, Field(le=1)] = 0.0
     vignette: Annotated[float, Field(ge=0, lt=1)] = 0.0
     gamma: Exponent = 1.0
     blur_px: Annotated[float, Field(ge=0, le=100)] = 0.0
@@ -479,8 +459,12 @@ class Frames(ScenePart):
         order, 0 where it is not known. A frame's load is read against the others of known load.
     """
 
-    rotate_deg: Turn = 0
-    flip: Flip | None = None
+    # angles are written with a point elsewhere: 90.0 is 90
+    rotate_deg: Annotated[
+        Literal[0, 90, 180, 270],
+        BeforeValidator(lambda v: int(v) if isinstance(v, float) and v.is_integer() else v),
+    ] = 0
+    flip: Literal["horizontal", "vertical"] | None = None
     roi: Roi | None = None
     mask: ImageFile | None = None
     polygon_px: Annotated[tuple[tuple[Finite, Finite], ...], Field(min_length=3)] | None = None

@@ -44,9 +44,9 @@ _AVERAGED = 0.1
 """Of the root mean square of a file: the largest one of what its lines average away."""
 _QUARTERS = 4
 
-_GAP, _GAP_CHANGE, _GAP_STEPS = 20.0, 0.02, 5.0
+_GAP, _GAP_CHANGE = 20.0, 0.02
 """A gap is a step of so many times the steps before and after it, over which the value changes by
-so much of the largest value, and by so many of its median changes from row to row."""
+so much of the largest value, and by more than noise: _STANDARD_ERRORS of its median changes."""
 
 _DISTANCE, _TIME = "distance_m", "time_s"
 
@@ -152,7 +152,9 @@ def _refuse_gap(given: GivenTable, kind: _Kind, distance: Floats, value: Floats)
     if len(step) < 3:
         return
     beside = np.maximum(np.r_[0.0, step[:-1]], np.r_[step[1:], 0.0])
-    much = max(_GAP_CHANGE * float(np.abs(value).max()), _GAP_STEPS * float(np.median(change)))
+    much = max(
+        _GAP_CHANGE * float(np.abs(value).max()), _STANDARD_ERRORS * float(np.median(change))
+    )
     gap = np.flatnonzero((step > _GAP * beside) & (change > much))
     if len(gap):
         row = int(gap[0])

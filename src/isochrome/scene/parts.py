@@ -1,17 +1,14 @@
 """The parts of a scene: what stood in front of the camera, and nothing else.
 
-Each part is one table of the scene file. A part that is absent is not modelled. The unit of
-every number stands in its key. Sources of the conventions: x along the surface to the right,
-z into the specimen, downward; stress positive in tension; angles counter-clockwise from the
-image's +x, as the camera sees them.
-
-The specimen's table of a scene: the transparent body, its shape and its material.
+Each part is one table of the scene file; an absent one is not modelled. The unit of every number
+stands in its key; x is along the surface to the right, z into the specimen, downward; stress
+positive in tension; angles counter-clockwise from the image's +x, as the camera sees them.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
@@ -29,7 +26,6 @@ from isochrome.scene.imaging import (
     Positive,
     PositiveTable,
     ScenePart,
-    check_samples,
     value_at,
 )
 
@@ -38,11 +34,10 @@ Poisson = Annotated[float, Field(gt=-1, le=0.5, allow_inf_nan=False)]
 
 @dataclass(frozen=True)
 class Body:
-    """What a specimen without a contact needs in its scene; its model is in `isochrome.specimens`.
+    """What a specimen without a contact needs in its scene.
 
-    `needs`, the scene's keys; `height`, the specimen's key of its size along z, by which a picture
-    shows it whole; `has_rim`, whether its outline is a circle of that size; `only_with`, the
-    specimen's key without which frames are read from the image alone.
+    `needs`, keys; `height`, the key of its size along z; `has_rim`, a circle of that size;
+    `only_with`, the key without which frames are read from the image alone.
     """
 
     needs: tuple[str, ...]
@@ -180,15 +175,10 @@ class AddedTractions(ScenePart):
         Shear along +x to add there, MPa.
     """
 
+    samples: ClassVar[tuple[str, ...]] = ("x_mm", "pressure_mpa", "shear_mpa")
     x_mm: Annotated[tuple[Finite, ...], Field(min_length=2, max_length=1000)]
     pressure_mpa: Annotated[tuple[Finite, ...], Field(min_length=2, max_length=1000)]
     shear_mpa: Annotated[tuple[Finite, ...], Field(min_length=2, max_length=1000)]
-
-    @model_validator(mode="after")
-    def _same_length_rising(self) -> AddedTractions:
-        check_samples(self, "x_mm", "pressure_mpa")
-        check_samples(self, "x_mm", "shear_mpa")
-        return self
 
 
 class Load(ScenePart):
@@ -331,12 +321,12 @@ class Spectrum(ScenePart):
         Power at each of them, in any unit.
     """
 
+    samples: ClassVar[tuple[str, ...]] = ("wavelength_nm", "power")
     wavelength_nm: Annotated[tuple[Wavelength, ...], Field(min_length=2)]
     power: Annotated[tuple[NonNegative, ...], Field(min_length=2)]
 
     @model_validator(mode="after")
-    def _same_length_rising_and_lit(self) -> Spectrum:
-        check_samples(self, "wavelength_nm", "power")
+    def _lit(self) -> Spectrum:
         if not any(self.power):
             raise ValueError(message("power_zero_every_wavelength"))
         return self

@@ -1,9 +1,7 @@
 """Scenes in and out of TOML, with errors that name the file, the key, the value and the fix.
 
-One value or list of tables set in TOML text by tomlkit: all else in it stays, to the byte.
-
-After an edit the text is read anew: it has to say what it said before, but for the one key. tomlkit
-is imported where a text is edited or written.
+Of an edited text all else stays, to the byte: it is read anew after an edit, and has to say what it
+said before, but for the one key. tomlkit is imported where a text is edited or written.
 """
 
 from __future__ import annotations
@@ -49,7 +47,7 @@ PICTURES = (
 """How files of pictures and videos begin."""
 
 MAX_BYTES = 1_000_000
-"""A settings file of over a megabyte is not one."""
+"""A settings file, or a request to the set-up page, of over a megabyte is not one."""
 
 
 SceneLike = str | Path | Scene | Mapping[str, Any]
@@ -211,10 +209,7 @@ def scene_names() -> list[str]:
 
 
 def read_text(path: Path) -> str:
-    """Text of a settings file, without the mark that some editors begin UTF-8 with.
-
-    InputError where it is missing, too large or not UTF-8.
-    """
+    """Text of a settings file without a byte order mark; InputError: too large, no UTF-8."""
     try:
         with open(path, "rb") as file:
             head = file.read(16)
@@ -232,9 +227,7 @@ def read_text(path: Path) -> str:
 
 
 def as_tables(data: Mapping[str, Any]) -> dict[str, Any]:
-    """Plain dictionaries of mappings that are tables of a settings file, with the values as they
-    are.
-    """
+    """Plain dictionaries of mappings that are tables of a settings file, values as they are."""
     return {
         str(key): as_tables(value) if isinstance(value, Mapping) else value
         for key, value in data.items()
@@ -246,30 +239,23 @@ def parse_toml(text: str, label: str) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # also of numbers of thousands of digits
-        cause = _slip_in_line(text, str(error))
-        raise InputError(
-            "not_valid_toml", label=label, error=error, cause=cause or "correct that line"
-        ) from (error)
-
-
-def _slip_in_line(text: str, reason: str) -> str:
-    """What is wrong with the line that a message of the TOML reader names, where that is known."""
-    match = re.search(r"at line (\d+)", reason)
-    lines = text.split("\n")
-    line = lines[min(int(match[1]), len(lines)) - 1] if match else ""
-    comma = re.search(r"=\s*([-+]?\d+),(\d+)", line)
-    if comma:
-        return message("decimal_comma_write_point", comma=comma[1], comma_2=comma[2])
-    return message("backslash_double_quotes_write") if re.search(r'"[^"]*\\', line) else ""
+        line_number = re.search(r"at line (\d+)", str(error))
+        lines, cause = text.split("\n"), "correct that line"
+        line = lines[min(int(line_number[1]), len(lines)) - 1] if line_number else ""
+        comma = re.search(r"=\s*([-+]?\d+),(\d+)", line)
+        if comma:
+            cause = message("decimal_comma_write_point", comma=comma[1], comma_2=comma[2])
+        elif re.search(r'"[^"]*\\', line):
+            cause = message("backslash_double_quotes_write")
+        raise InputError("not_valid_toml", label=label, error=error, cause=cause) from error
 
 
 def with_value(
     text: str, key: str, written: str, *, comment: str = "", mark: str = "", name: str = "scene"
 ) -> str:
-    """TOML text with a key, such as 'load.normal_n', set to a value `written` as TOML.
+    """TOML text with a key set to a value `written`; InputError where no edit does only that.
 
     `comment`, without #, goes on its line; where it begins with `mark`, an earlier one is replaced.
-    `name` is the text's in messages. InputError where no edit does only that.
     """
     wanted = parse_toml(text, name)
     table, _, entry = key.partition(".")
@@ -284,10 +270,9 @@ def with_value(
 
 
 def without_value(text: str, key: str, *, name: str = "scene") -> str:
-    """TOML text without a key, such as 'load.bulk_mpa', and the comment on its line.
+    """TOML text without a key, or a whole table, and the comment on its line.
 
-    A name alone is a whole table; a key that is not there leaves the text as it is. InputError
-    where no edit does only that.
+    InputError where no edit does only that.
     """
     wanted = parse_toml(text, name)
     table, _, entry = key.partition(".")
@@ -305,10 +290,9 @@ def without_value(text: str, key: str, *, name: str = "scene") -> str:
 def with_table_list(
     text: str, key: str, entries: Sequence[Mapping[str, Any]], *, name: str = "scene"
 ) -> str:
-    """TOML text with a list of tables, such as [[frames.known_order]]; a name alone is [[image]].
+    """TOML text with a list of tables, such as [[frames.known_order]]; no entries take it out.
 
-    Tables that stay keep their place and comments, new ones come behind them; no entries take the
-    list out. InputError where no edit does only that.
+    Tables that stay keep place and comments; InputError where no edit does only that.
     """
     if not entries:
         return without_value(text, key, name=name)
@@ -326,10 +310,7 @@ def with_table_list(
 def with_list_value(
     text: str, key: str, place: int, entry: str, value: Any, *, name: str = "scene"
 ) -> str:
-    """TOML text with an entry of one of a list's tables, such as load_n of the first [[image]].
-
-    InputError where no edit does only that.
-    """
+    """TOML text with one value of a list's tables set; InputError where no edit does only that."""
     wanted = parse_toml(text, name)
     wanted[key][place][entry] = value
 
@@ -360,9 +341,7 @@ def _edited(
 ) -> str:
     """Text whose document was edited, with what `edit` returns behind it.
 
-    InputError `by_hand` where it then says none of `wanted`, or tomlkit, which joins a list's
-    tables that stand apart, moves something. A blank within a line may go (behind a date in braces,
-    as of 0.15).
+    InputError `by_hand` where it then says none of `wanted`, or tomlkit moves something.
     """
     import tomlkit
     from tomlkit.exceptions import TOMLKitError
@@ -390,10 +369,7 @@ def _edited(
 def _set(
     document: TOMLDocument, path: tuple[str, str], written: str, comment: str, mark: str
 ) -> str:
-    """Set a value where its key stands, or else on top of its table; returns a table to be added.
-
-    An inline table is one value, whose line the comment stands on.
-    """
+    """Set a value where its key stands, or on top of its table; returns a table to be added."""
     import tomlkit
     from tomlkit.items import AoT, InlineTable, Table
 
@@ -425,10 +401,7 @@ def _set_list(
     stay: Sequence[Mapping[str, Any]],
     entries: Sequence[Mapping[str, Any]],
 ) -> str:
-    """Set a list's tables, of which the first may stay as they are written; if none does, all go.
-
-    Returns tables to be added.
-    """
+    """Set a list's tables, of which the first may stay as they are; returns tables to be added."""
     import tomlkit
     from tomlkit.items import AoT, Whitespace
 
@@ -472,10 +445,7 @@ def _take_out(document: TOMLDocument, path: Sequence[str]) -> None:
 def _places(
     body: Body, path: Sequence[str], line: Item | None = None
 ) -> Iterator[tuple[Body, int, Item | None]]:
-    """Where a name stands, or each part of its table.
-
-    As the body that holds it, the place in that, and the inline table whose line it is on.
-    """
+    """Where a name stands: its body, the place there, and the inline table on whose line."""
     from tomlkit.items import InlineTable, Table
 
     for at, (key, item) in enumerate(body):

@@ -1,10 +1,7 @@
 """What is wrong with a settings file, as one sentence: key, value, what is allowed, the fix.
 
-Measured numbers with what is not known of them: { value = 14.6, standard_uncertainty = 0.066 }.
-
-A scene keeps the plain number, so that all who use it see a float, and beside it the standard
-uncertainties by their dotted keys. The material fringe value, which ages with the material, may
-carry the day of its calibration too.
+Of a measured number, { value = 14.6, standard_uncertainty = 0.066 }, a scene keeps the plain value,
+so that all who use it see a float, and beside it the standard uncertainties by their dotted keys.
 """
 
 import datetime
@@ -12,6 +9,7 @@ import difflib
 import math
 import typing
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -67,10 +65,9 @@ def with_pairs(model: type[BaseModel], data: Any) -> Any:
 def split_uncertainties(
     model: type[BaseModel], data: dict[str, Any]
 ) -> tuple[dict[str, Any], dict[str, float]]:
-    """A settings file's tables with plain values, and the standard uncertainties by dotted key.
+    """Tables with plain values, and the uncertainties by dotted key, in the keys' units.
 
-    These are in the keys' units. ValueError for a form that is not allowed, and for a key that is
-    no measured number.
+    ValueError for a form that is not allowed, and for a key that is no measured number.
     """
     plain, pairs = dict(data), {}
     for part, table in data.items():
@@ -91,10 +88,7 @@ def split_uncertainties(
 
 
 def plain_value(key: str, value: Mapping[str, Any]) -> tuple[Any, float]:
-    """A measured number, not checked yet, and its standard uncertainty from their form in a file.
-
-    ValueError for a form that is not allowed.
-    """
+    """A measured number, not checked yet, and its uncertainty; ValueError: another form."""
     if set(value) != {VALUE, SPREAD}:
         raise ValueError(
             message("not_allowed_measured_number", key=key, dict=dict(value), form=_FORM)
@@ -120,17 +114,11 @@ def _without_date(data: dict[str, Any]) -> tuple[dict[str, Any], str | None]:
         raise ValueError(
             message("not_allowed_measured_number_written", dated=DATED, value=value, form=_FORM)
         )
-    return data | {part: table | {name: others}}, _day(value[DATE])
-
-
-def _day(given: Any) -> str:
-    """A day as ISO text. Raises ValueError for all but a date of TOML, or its text."""
+    given = value[DATE]
     text = given.isoformat() if type(given) is datetime.date else given
-    try:
+    with suppress(TypeError, ValueError):  # the same refusal as for other forms of a date
         if datetime.date.fromisoformat(text).isoformat() == text:
-            return str(text)
-    except (TypeError, ValueError):
-        pass  # the same refusal as for other forms of a date
+            return data | {part: table | {name: others}}, str(text)
     raise ValueError(
         message("not_allowed_day_calibration", dated=DATED, date=DATE, given=str(given)[:60])
     )
@@ -180,8 +168,7 @@ def validate(
 ) -> M:
     """Check a dictionary against a pydantic model; InputError names the first mistake.
 
-    `reserved` are fields that are no keys; names of tables' files are relative to `folder`, by
-    default the working one.
+    `reserved` are fields that are no keys; names of files are relative to `folder`.
     """
     for key in reserved:
         if key in data:

@@ -1,8 +1,6 @@
 """The scene: its parts together, and what they must have in common.
 
-Whether the camera's pixel, sizes and moduli are in their keys' units.
-
-A slip is a factor of a thousand.
+Whether the camera's pixel, sizes and moduli are in their keys' units: a slip is a factor of 1000.
 """
 
 from __future__ import annotations
@@ -163,22 +161,19 @@ class Scene(ScenePart):
             raise ValueError(message("load_normal_n_table_over"))
         if isinstance(load.normal_n, DistanceTable) and load.tangential_n is not None:
             raise ValueError(message("load_normal_n_table_over_sliding"))
-        if load.tangential_n is not None:
-            self._check_tangential(load.tangential_n)
+        if (tangential_n := load.tangential_n) is not None:
+            if self.friction is None:
+                raise ValueError(message("load_tangential_n_needs_friction"))
+            if self.wear is not None:
+                raise ValueError(message("load_tangential_n_stuck_contact"))
+            held = abs(self.friction_at(0.0)) * self.load_at(0.0)
+            if abs(tangential_n) > held:
+                raise ValueError(
+                    message("load_tangential_n_more_friction", tangential_n=tangential_n, held=held)
+                )
         inner, outer = load.inner_span_mm or 0.0, load.outer_span_mm or 0.0
         if self.specimen.shape == "beam" and inner >= outer:
             raise ValueError(message("load_inner_span_mm_must_less", inner=inner, outer=outer))
-
-    def _check_tangential(self, tangential_n: float) -> None:
-        if self.friction is None:
-            raise ValueError(message("load_tangential_n_needs_friction"))
-        if self.wear is not None:
-            raise ValueError(message("load_tangential_n_stuck_contact"))
-        held = abs(self.friction_at(0.0)) * self.load_at(0.0)
-        if abs(tangential_n) > held:
-            raise ValueError(
-                message("load_tangential_n_more_friction", tangential_n=tangential_n, held=held)
-            )
 
     @property
     def _body(self) -> parts.Body | None:
@@ -362,11 +357,10 @@ WIDEST = 200
 STIFFEST_GPA = 1000.0
 """No body is stiffer: a larger modulus has another unit."""
 
-LARGEST_MM = {
-    **{f"specimen.{k}_mm": 1e3 for k in ("thickness", "diameter", "hole", "height", "width")},
-    "indenter.half_width_mm": 1e3,
-    "indenter.radius_mm": 1e4,
-}
+LARGEST_MM = dict.fromkeys(
+    (*(f"specimen.{k}_mm" for k in ("thickness", "diameter", "hole", "height", "width")),
+     "indenter.half_width_mm"), 1e3,
+) | {"indenter.radius_mm": 1e4}  # fmt: skip
 """Nothing under a polariscope is larger, and no cylinder flatter: a larger size is in µm."""
 
 MOST = 10_000
@@ -376,10 +370,8 @@ MOST = 10_000
 def check_pixel(scene: Scene, shape: tuple[int, int] | None) -> None:
     """Refuse a camera.pixel_mm in which the scene's specimen cannot be seen, before any work.
 
-    A pixel is no wider than the contact (disc, beam), a picture no narrower than a hundredth of it,
-    and no wider than 200 contacts; sizes beyond a metre (a radius, ten) are refused too. A measured
-    profile's contact is held to this when it is solved. `shape` None: a picture that may show as
-    small a part as one likes, whose size is the camera's.
+    A picture is no wider than 200 contacts, no size beyond a metre (a radius, ten), and see
+    `check_width`. A measured profile's contact is held to this when it is solved.
     """
     for key, most in LARGEST_MM.items():
         part, _, name = key.partition(".")
@@ -406,10 +398,7 @@ def check_pixel(scene: Scene, shape: tuple[int, int] | None) -> None:
 
 
 def check_moduli(scene: Scene) -> None:
-    """Refuse a Young's modulus that no solid has, over 1000 GPa, before any work.
-
-    Where frames are at hand, a fit tells whether another unit explains them; this is for the rest.
-    """
+    """Refuse a Young's modulus that no solid has, over 1000 GPa, where no fit tells its unit."""
     bodies = {"specimen.young_gpa": scene.specimen, "indenter.young_gpa": scene.indenter}
     for key, body in bodies.items():
         young = body.young_gpa if body else None
@@ -423,11 +412,9 @@ def check_moduli(scene: Scene) -> None:
 def check_width(
     name: str, pixel: float, shape: tuple[int, ...] | None, width: float, what: str
 ) -> None:
-    """Refuse a camera.pixel_mm, side `pixel`, in which what the picture shows cannot be seen.
+    """Refuse a camera.pixel_mm wider than `what` is, mm, or a picture under a hundredth of it.
 
-    InputError where it is wider than that, or the picture narrower than a hundredth of it. `width`,
-    mm, is that of `what`, such as 'the beam'; `shape` None: a picture may show as small a part as
-    one likes.
+    `shape` None: a picture may show as small a part as one likes.
     """
     if pixel > max(width, UNDOUBTED_MM):
         raise InputError(

@@ -1,26 +1,19 @@
-from .edits import apply_tool, find_in_frames, page_words, session_state, without_model
-from .server import (
-    MOST_BYTES,
-    ClickPreview,
-    SetupServer,
-    fit_answer,
-    open_session,
-    order_map_of_points,
-    setup,
-)
-from .session import (
-    LiveModel,
-    SetupSession,
-    calibration_answer,
+from .edits import (
+    apply_tool,
+    find_in_frames,
     on_line,
+    page_words,
     pixel_scale,
     placed_at,
     seen_at,
+    session_state,
     surface_roll,
+    without_model,
 )
+from .server import ClickPreview, SetupServer, fit_answer, open_session, order_map_of_points, setup
+from .session import LiveModel, SetupSession, calibration_answer
 
 __all__ = [
-    "MOST_BYTES",
     "ClickPreview",
     "LiveModel",
     "SetupServer",

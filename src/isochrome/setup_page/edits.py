@@ -1,12 +1,9 @@
-"""How a scene or set stands on the page, and what the page's tools do to its text.
-
-What the page finds in a frame by itself: place, load, friction, field, gamma, quarter turns.
-"""
+"""How a scene or set stands on the page, what tools do to its text, what is found in a frame."""
 
 import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 from typing import Any
 
@@ -40,30 +37,80 @@ from isochrome.scene import (
     with_value,
     without_value,
 )
-from isochrome.setup_page.session import (
-    SetSession,
-    SetupSession,
-    moved,
-    on_line,
-    pixel_scale,
-    placed_at,
-    plain_table,
-    seen_at,
-    surface_roll,
-    with_loads,
-)
+from isochrome.setup_page.session import SetSession, SetupSession, moved, plain_table, with_loads
 from isochrome.stress import PixelGrid, pixel_grid
+
+Point = tuple[float, float]
+"""A place as (row, col), px."""
+
+_NEAREST_PX = 2.0
+"""Points nearer than this are one: half a pixel of each would be a quarter of the scale."""
+
+
+def pixel_scale(first: Point, second: Point, length_mm: float) -> float:
+    """Side of a pixel, mm, from two points (row, col) a known length apart; InputError for none."""
+    apart = math.hypot(second[0] - first[0], second[1] - first[1])
+    if not apart >= _NEAREST_PX:
+        raise InputError("two_points_scale_px", apart=apart, nearest_px=_NEAREST_PX)
+    if not 0.0 < length_mm < math.inf:
+        raise InputError("length_mm_give_distance", length_mm=length_mm)
+    return length_mm / apart
+
+
+def seen_at(pixels: PixelGrid, x_mm: float, z_mm: float) -> Point:
+    """The point (row, col) of the region that looks at a place."""
+    from scipy.optimize import root
+
+    unit = pixels.pixel_mm
+    start = (z_mm - pixels.top_mm) / unit - 0.5, (x_mm - pixels.left_mm) / unit - 0.5
+    if pixels.lens is None:
+        return start
+
+    def away(at: Any) -> Any:
+        """How far the point looks beside the place, px."""
+        return np.subtract(pixels.place(at[0], at[1]), (x_mm, z_mm)) / unit
+
+    row, col = root(away, start, tol=1e-12).x.tolist()
+    return row, col
+
+
+def surface_roll(first: Point, second: Point) -> float:
+    """The camera's roll, degrees counter-clockwise, by two points; InputError beyond 45."""
+    first_end, second_end = sorted((first, second), key=lambda point: point[1])
+    across, down = second_end[1] - first_end[1], second_end[0] - first_end[0]
+    if across < _NEAREST_PX or abs(down) > across:
+        raise InputError("two_points_surface_lie")
+    # a picture that is turned counter-clockwise has the right end of the surface higher
+    return math.degrees(math.atan2(-down, across)) + 0.0
+
+
+def on_line(first: Point, second: Point, col: float) -> float:
+    """The row at a column of the straight line through two points (row, col), px."""
+    share = (col - first[1]) / (second[1] - first[1])
+    return first[0] + share * (second[0] - first[0])
 
 
 def session_state(session: SetupSession) -> dict[str, Any]:
-    """How a scene stands: its text and values, and where its parts lie in the picture.
-
-    Plain values, as the page takes them; places are (row, col) of the whole picture.
-    """
+    """How a scene stands, as plain values; places are (row, col) of the whole picture."""
     scene = session.scene_or_none()
     reader, region = session.reader(scene), session.region(scene)
     rows, cols = reader.shape
-    state: dict[str, Any] = {
+    placed: dict[str, Any] = {
+        "polygon": [], "known_order": [], "known_line": [], "free_boundary": [],
+        "pixel_mm": None, "place": None, "surface": None,
+    }  # fmt: skip
+    if scene is not None:
+        corner = region.top_px, region.left_px
+        placed["polygon"] = moved(scene.frames.polygon_px or (), *corner)
+        placed |= known_on_picture(scene, *corner)
+        with suppress(InputError):  # the scale is not known yet
+            pixels = session.pixels(scene)
+            placed["pixel_mm"] = pixels.pixel_mm
+            if scene.has_model:
+                half = 0.5 * pixels.cols * pixels.pixel_mm
+                points = [seen_at(pixels, x, 0.0) for x in (0.0, -half, half)]
+                placed["place"], *placed["surface"] = moved(points, *corner)
+    return {
         "revision": session.revision,
         "text": session.text,
         "saved": session.is_saved,
@@ -82,32 +129,7 @@ def session_state(session: SetupSession) -> dict[str, Any]:
             {"file": name, "load_n": load}
             for name, load in zip(session.image_names, session.loads(), strict=True)
         ] if isinstance(session, SetSession) else [],
-        "place": None, "surface": None, "polygon": [], "known_order": [], "known_line": [],
-        "free_boundary": [],
-    }  # fmt: skip
-    return state | (_on_picture(session, scene) if scene is not None else {})
-
-
-def _on_picture(session: SetupSession, scene: Scene) -> dict[str, Any]:
-    """Where the parts of a scene lie in the picture."""
-    region = session.region(scene)
-    top_px, left_px = region.top_px, region.left_px
-    state: dict[str, Any] = {
-        "polygon": moved(scene.frames.polygon_px or (), top_px, left_px),
-        "pixel_mm": None,
-        **known_on_picture(scene, top_px, left_px),
-    }
-    try:
-        pixels = session.pixels(scene)
-    except InputError:
-        return state
-    state["pixel_mm"] = pixels.pixel_mm
-    if not scene.has_model:
-        return state
-    half = 0.5 * pixels.cols * pixels.pixel_mm
-    ends = (seen_at(pixels, x, 0.0) for x in (-half, half))
-    place = moved([seen_at(pixels, 0.0, 0.0), *ends], top_px, left_px)
-    return state | {"place": place[0], "surface": place[1:]}
+    } | placed  # fmt: skip
 
 
 def known_on_picture(scene: Scene, top_px: int, left_px: int) -> dict[str, list[dict[str, Any]]]:
@@ -148,10 +170,9 @@ _OF_A_MODEL = ("indenter", "contact", "friction", "wear", "scar", "load", "frame
 
 
 def new_scene_text(kind: str, values: Mapping[str, Any], no_load: Mapping[str, str]) -> str:
-    """A scene or set as TOML from the page's form, each line commented with its unit or meaning.
+    """A scene or set as commented TOML from the page's form, values and no-load files by keys.
 
-    Values and files without load go by the scene's keys, None where not filled in. InputError names
-    all that such a scene needs.
+    InputError names all that such a scene needs.
     """
     kinds = KINDS | SET_KINDS
     if kind not in kinds:
@@ -177,10 +198,7 @@ def new_scene_text(kind: str, values: Mapping[str, Any], no_load: Mapping[str, s
 
 
 def without_model(scene: Scene, text: str) -> Scene:
-    """A scene without its model: what remains is read from the image alone.
-
-    InputError where the text's layout cannot be edited.
-    """
+    """A scene without its model, read from the image alone; InputError: text not editable."""
     if not scene.has_model:
         return scene
     for part in _OF_A_MODEL:
@@ -209,10 +227,7 @@ Request = Mapping[str, Any]
 
 
 def set_values(text: str, values: Mapping[str, Any]) -> str:
-    """A scene's text with some values by its keys; None takes a key out.
-
-    The ± of a set's scale goes with the scale that it was stated for.
-    """
+    """A scene's text with values by its keys; None takes one out, and a ± goes with its scale."""
     if _PIXEL in values and _PIXEL_SPREAD not in values:
         text = without_value(text, _PIXEL_SPREAD)
     for key, value in values.items():
@@ -268,12 +283,6 @@ def _loads_of(session: SetSession, request: Request) -> list[float | None]:
     return given
 
 
-def _set_loads(session: SetupSession, request: Request) -> None:
-    calibration = set_of(session)
-    loads = _loads_of(calibration, request)
-    session.change(lambda text: with_loads(text, calibration.image_names, loads))
-
-
 def _sized(session: SetupSession, request: Request, key: str) -> dict[str, Any]:
     """The scale, and its uncertainty, by two points that are a length of the beam's apart."""
     length = plain_values(session.text).get(key)
@@ -312,9 +321,15 @@ def _set_rim(session: SetupSession, request: Request) -> None:
     _set_region(session, {"region": box})
 
 
-def values_of_place(pixels: PixelGrid, point: Sequence[float]) -> dict[str, float]:
+def placed_at(pixels: PixelGrid, point: Point) -> tuple[float, float]:
+    """The outer edges left_mm and top_mm for which a point (row, col) looks at x = z = 0."""
+    x, z = pixels.place(*point)
+    return pixels.left_mm - x, pixels.top_mm - z
+
+
+def values_of_place(pixels: PixelGrid, point: Point) -> dict[str, float]:
     """The keys (mm) that put the contact, or a body's top, at a (row, col) of the region."""
-    left_mm, top_mm = placed_at(pixels, (point[0], point[1]))
+    left_mm, top_mm = placed_at(pixels, point)
     return {LEFT: round(left_mm, _DIGITS), TOP: round(top_mm, _DIGITS)}
 
 
@@ -362,15 +377,13 @@ def _set_region(session: SetupSession, request: Request) -> None:
     values |= {f"camera.{key}": new[key] for key in sides}
     if scene.frames.polygon_px is not None:
         values["frames.polygon_px"] = moved(scene.frames.polygon_px, down, right)
-    shift = {"top_px": -down, "left_px": -right}
     known = known_on_picture(scene, 0, 0)
 
     def edit(text: str) -> str:
         text = set_values(text, values)
         for key, items in known.items():
             if items:
-                tables = order_tables if key == "known_order" else line_tables
-                text = with_table_list(text, f"frames.{key}", tables(items, shift))
+                text = with_table_list(text, f"frames.{key}", known_tables(key, items, down, right))
         if place is not None:  # a lens looks from the new middle
             text = set_values(text, values_of_place(session.pixels(session.scene(text)), place))
         return text
@@ -383,49 +396,42 @@ def _in_region(region: Roi, points: Sequence[Sequence[float]]) -> list[list[floa
     return moved(points, -region.top_px, -region.left_px)
 
 
-def _set_polygon(session: SetupSession, request: Request) -> None:
-    points = _in_region(session.region(session.scene()), request["points"])
-    _set_values(session, {"frames.polygon_px": points or None})
-
-
 def _set_known(session: SetupSession, request: Request, key: str) -> None:
     """Known points, known lines, or free edges, whose order the fringes that meet them tell."""
-    corner = session.region(session.scene()).model_dump()
-    if key == "known_order":
-        tables = order_tables(request["points"], corner)
-    else:
-        tables = line_tables(request["lines"], corner)
+    region = session.region(session.scene())
+    items = request["points" if key == "known_order" else "lines"]
+    tables = known_tables(key, items, -region.top_px, -region.left_px)
     session.change(lambda text: with_table_list(text, f"frames.{key}", tables))
 
 
-def order_tables(points: Sequence[Request], shift: Mapping[str, int]) -> list[dict[str, Any]]:
-    """Known points of the picture as the scene writes them: whole pixels of its region."""
+def known_tables(
+    key: str, items: Sequence[Request], down: float, right: float
+) -> list[dict[str, Any]]:
+    """Known points, lines or free edges of the picture, moved by px, as the scene has them."""
+    if key == "known_order":  # on whole pixels
+        return [
+            {"row_px": round(one["row"]) + down, "col_px": round(one["col"]) + right}
+            | {"order": float(one["order"])}
+            | ({"extremum": one["extremum"]} if one.get("extremum") else {})
+            for one in items
+        ]
+    places = [moved(one["points"], down, right) for one in items]
     return [
-        {
-            "row_px": round(point["row"]) - shift["top_px"],
-            "col_px": round(point["col"]) - shift["left_px"],
-            "order": float(point["order"]),
-        }
-        | ({"extremum": point["extremum"]} if point.get("extremum") else {})
-        for point in points
+        {"row_px": [row for row, _ in at], "col_px": [col for _, col in at]}
+        | ({"order": float(one["order"])} if "order" in one else {})
+        for one, at in zip(items, places, strict=True)
     ]
-
-
-def line_tables(lines: Sequence[Request], shift: Mapping[str, int]) -> list[dict[str, Any]]:
-    """Known lines as the scene writes them, see `order_tables`."""
-    tables = []
-    for line in lines:
-        points = moved(line["points"], -shift["top_px"], -shift["left_px"])
-        table = {"row_px": [row for row, _ in points], "col_px": [col for _, col in points]}
-        tables.append(table | ({"order": float(line["order"])} if "order" in line else {}))
-    return tables
 
 
 TOOLS: Mapping[str, Callable[[SetupSession, Request], None]] = {
     "new": _make_new,
     "values": lambda session, request: _set_values(session, request["values"]),
     "text": lambda session, request: session.change(lambda _: str(request["text"])),
-    "loads": _set_loads,
+    "loads": lambda session, request: session.change(
+        lambda text: with_loads(
+            text, set_of(session).image_names, _loads_of(set_of(session), request)
+        )
+    ),
     # a point on each edge of a beam, one above the other: its height gives the scale
     "edges": lambda session, request: _set_values(
         session, _sized(set_of(session), request, "beam.height_mm")
@@ -436,7 +442,13 @@ TOOLS: Mapping[str, Callable[[SetupSession, Request], None]] = {
     "contact": _set_contact,
     "surface": _set_surface,
     "region": _set_region,
-    "polygon": _set_polygon,
+    "polygon": lambda session, request: _set_values(
+        session,
+        {
+            "frames.polygon_px": _in_region(session.region(session.scene()), request["points"])
+            or None
+        },
+    ),
     **{key: partial(_set_known, key=key) for key in ("known_order", "known_line", "free_boundary")},
     "undo": lambda session, _: session.undo(),
     "save": lambda session, _: session.save(),
@@ -445,10 +457,9 @@ TOOLS: Mapping[str, Callable[[SetupSession, Request], None]] = {
 
 
 def apply_tool(session: SetupSession, request: Request) -> dict[str, Any]:
-    """Do what a tool of the page asks for; InputError where it cannot be, the scene as it was.
+    """Do what a tool of TOOLS is asked for; gives the `session_state` that it leaves.
 
-    `request`: `tool`, one of TOOLS, and what it needs; points are (row, col) of the whole picture.
-    Gives the `session_state` that it leaves.
+    Points are (row, col) of the whole picture. InputError: the scene is as it was.
     """
     tool = TOOLS.get(str(request.get("tool")))
     if tool is None:
@@ -490,12 +501,11 @@ def find_in_frames(
     form: tuple[str, Mapping[str, Any]] | None = None,
     held: bool = False,
 ) -> dict[str, Any]:
-    """Search a frame for the scene, as `init` does, and put what is found into the scene's text.
+    """Search a frame as `init` does, and put what is found into the scene's text.
 
-    A key with a stated uncertainty stays, as friction does where none is shown. Frame 1 stands for
-    0 where that stands still; `form`: what a new scene is made from; `held`: field, gamma, turns
-    are known. Gives `frame`, `chi`, `found` (key, value with ±, note), `warnings`. Else InputError,
-    the scene as it was, or PhysicsError: no contact's or disc's fringes.
+    A key with a stated uncertainty stays. Frame 1 stands for 0 where that stands still; `form`:
+    what a new scene is made from; `held`: field, gamma, turns are known. InputError or
+    PhysicsError: the scene is as it was.
     """
     started = session.text
     text, guessed = _start_text(session, form)
@@ -508,7 +518,10 @@ def find_in_frames(
     except IsochromeError as error:
         raise type(error)(page_words(str(error))) from error
     values, notes = _values(draft, scene, guessed=guessed)
-    _refuse_turn(scene, draft.scene.frames.rotate_deg)
+    stated, turn = scene.frames, draft.scene.frames.rotate_deg
+    on_it = stated.roi or stated.polygon_px or stated.orders_known
+    if on_it and stated.rotate_deg != turn:
+        raise InputError("frame_explains_itself_turned", name=scene.name, turn=turn)
     row, col = seen_at(pixel_grid(draft.scene), 0.0, 0.0)
 
     def edit(now: str) -> str:
@@ -568,14 +581,6 @@ def _known(scene: Scene, index: int, *, held: bool) -> KnownValues:
         if (held or name not in _ON_REQUEST) and (name, value) != ("gamma", "unknown"):
             given[name] = value
     return known_values({"shape": scene.model, "frame": index, **given})
-
-
-def _refuse_turn(scene: Scene, turn: int) -> None:
-    """Refuse to turn a picture under what was set on it."""
-    stated = scene.frames
-    on_it = stated.roi or stated.polygon_px or stated.orders_known
-    if on_it and stated.rotate_deg != turn:
-        raise InputError("frame_explains_itself_turned", name=scene.name, turn=turn)
 
 
 def _values(draft: SceneDraft, scene: Scene, *, guessed: bool) -> tuple[dict[str, Any], list[str]]:

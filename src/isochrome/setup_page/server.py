@@ -1,9 +1,8 @@
 """`setup`: a local page on which a scene is set up on its frames, and its server.
 
-The loopback address alone, a secret in every address, nothing else served.
-
-Other pages of the same browser can send requests here too. They do not know the token, the browser
-names them as the Origin, and an address of theirs that they let point here shows in Host.
+The loopback address alone, a secret in every address, nothing else served. Other pages of the same
+browser can send requests here too: they do not know the token, the browser names them as the
+Origin, and an address of theirs that they let point here shows in Host.
 """
 
 from __future__ import annotations
@@ -14,8 +13,8 @@ import json
 import secrets
 import threading
 import time
-from collections.abc import Callable, Collection, Mapping, Sequence
-from contextlib import nullcontext, suppress
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import asdict
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -34,7 +33,6 @@ from isochrome.output import plain, with_uncertainty
 from isochrome.processing import (
     AnchorPreview,
     FrameResult,
-    FrameValue,
     PatchOrders,
     anchor_preview,
     check,
@@ -44,6 +42,7 @@ from isochrome.processing import (
 from isochrome.reporting import assemble_page, content_policy
 from isochrome.scene import (
     LIBRARY,
+    MAX_BYTES,
     Roi,
     Scene,
     parse_toml,
@@ -69,19 +68,20 @@ _WORTH_SAYING = 0.01
 
 
 def fit_answer(session: SetupSession, index: int) -> dict[str, Any]:
-    """Fit the scene to one frame, from 0, as `process` does, and say what was found.
-
-    `values`: key, value, its ± as text, the TOML line that states it, and whether the frame asked
-    for it, or refines it; `summary_text`, all of it as a sentence; `chi`, whether it is `wrong`,
-    `kept_share`, and `warnings`. PhysicsError where the frame does not show the model.
-    """
+    """Fit the scene to one frame as `process` does; PhysicsError: it does not show the model."""
     scene = session.scene()
     if not scene.has_model:
         raise InputError(
             "so_there_nothing_fit", name=scene.name, no_model_reason=scene.no_model_reason
         )
     result = process_frame(session.frames, scene, index)
-    rows = [_value_row(one) for one in result.values]
+    rows: list[dict[str, Any]] = []
+    for one in result.values:
+        value = round_by_spread(one.value, one.standard_uncertainty)
+        text = with_uncertainty(one.value, one.standard_uncertainty)
+        line = f"{one.key.partition('.')[2]} = {toml_text(value)}"
+        row = {"key": one.key, "value": value, "text": text, "line": line}
+        rows.append(row | {"asked": one.asked, "refined": one.refined})
     pixel = result.frame.pixel_mm
     stated = scene.camera is not None and scene.camera.pixel_mm is not None
     if rows and not stated and pixel is not None and scene.rim_diameter_mm is not None:
@@ -102,25 +102,8 @@ def fit_answer(session: SetupSession, index: int) -> dict[str, Any]:
     }
 
 
-def _value_row(one: FrameValue) -> dict[str, Any]:
-    value = round_by_spread(one.value, one.standard_uncertainty)
-    return {
-        "key": one.key,
-        "value": value,
-        "text": with_uncertainty(one.value, one.standard_uncertainty),
-        "line": f"{one.key.partition('.')[2]} = {toml_text(value)}",
-        "asked": one.asked,
-        "refined": one.refined,
-    }
-
-
 def check_answer(session: SetupSession, *, fringes: bool) -> dict[str, Any]:
-    """What `isochrome check` says of the frames and the scene as it is on the page.
-
-    `ok`, `count`, `findings`, the `revision` of the scene that was checked, and `whole`: whether a
-    frame was fitted too, which takes seconds to a minute, where there is one to fit; InputError
-    where there is no scene yet.
-    """
+    """What `isochrome check` says; `whole`: a frame was fitted too, where there is one to fit."""
     scene, revision = session.scene(), session.revision
     try:
         session.check_complete()
@@ -139,11 +122,9 @@ def check_answer(session: SetupSession, *, fringes: bool) -> dict[str, Any]:
 
 
 def order_map_of_points(session: SetupSession, index: int) -> tuple[NDArray[np.uint8], list[str]]:
-    """Read the order of one frame from its known points alone, as it would be without a model.
+    """Levels of a frame's order from known points alone, in 0.02 fringe plus 1; 0: not known.
 
-    Of the region, order over 0.02 fringe plus 1, at most 255, 0 where none is known, in the parts
-    that hang together with a known point; and what `process` says. InputError where no order is
-    known anywhere.
+    And what `process` says. InputError where no order is known anywhere.
     """
     scene = edits.without_model(session.scene(), session.text)
     if not scene.frames.orders_known:
@@ -164,10 +145,7 @@ def shown_orders(order: NDArray[np.floating]) -> NDArray[np.uint8]:
 
 
 class ClickPreview:
-    """What a point or line of known order would do to the map of a frame, before it is set.
-
-    The frame that was asked of last stays followed, so that each place is answered at once.
-    """
+    """What a known point or line would do to a map; the frame last asked of stays followed."""
 
     def __init__(self, session: SetupSession) -> None:
         self._session = session
@@ -179,21 +157,20 @@ class ClickPreview:
     def answer(self, index: int, request: edits.Request) -> dict[str, Any]:
         """What would become of the map of a frame: its `kind`, 'nothing' where no order is read.
 
-        Asked: `points`, `lines` as they would stand; `at` (row, col) of the picture, `on_line`:
-        what is set; without `at` the frame is only followed, for the next answer. Kinds: 'nothing',
-        'new', 'moved', 'changed', 'same', 'lost'; also `words`, `said`, `share` of the frame, the
-        part's patches as `rows`, `cols`, `levels` (`order_map_of_points`), and the `revision`.
+        Asked: `points`, `lines` as they would stand, `at` (row, col) of the picture; without `at`
+        the frame is only followed. Kinds: 'nothing', 'new', 'moved', 'changed', 'same', 'lost'.
         """
         session, revision = self._session, self._session.revision
-        corner = session.region(session.scene_or_none()).model_dump()
+        region = session.region(session.scene_or_none())
+        corner = region.top_px, region.left_px
         tables: dict[str, list[dict[str, Any]]] = {}
         at, on_line = request.get("at"), request.get("on_line") is True
         with edits.refused_as_asked("preview"):
             if at is not None:
                 row, col = (float(place) for place in at)
-                at = row - corner["top_px"], col - corner["left_px"]
-                tables["known_order"] = edits.order_tables(request["points"], corner)
-                tables["known_line"] = edits.line_tables(request["lines"], corner)
+                at = row - corner[0], col - corner[1]
+                for key, asked in (("known_order", "points"), ("known_line", "lines")):
+                    tables[key] = edits.known_tables(key, request[asked], -corner[0], -corner[1])
         try:
             with self._lock:
                 answer = self._found(index, at, tables, on_line)
@@ -228,8 +205,21 @@ class ClickPreview:
         part = preview.part_at(row, col, on_line=on_line)
         if not part.any():
             return _nothing(message("no_fringe_could_followed_here", what=what))
+        before, after = self._before[1], preview.orders(then)
         extent = "frame" if now.frames.roi is None else "region"
-        return _what_becomes(self._before[1], preview.orders(then), part, what, extent)
+        share = float(part.mean())
+        under = message("part_under", share=100.0 * share, extent=extent)
+        kind, words = part_change(before.order[part], after.order[part], under, what)
+        lost = ~part & np.isfinite(before.order) & ~np.isfinite(after.order)
+        if lost.mean() > _WORTH_SAYING:
+            words += message("elsewhere_would_not_known", mean=100.0 * lost.mean(), extent=extent)
+        levels = shown_orders(np.where(part, after.order, np.nan))
+        return {
+            "kind": kind, "words": f"{words}.", "share": share,
+            "said": [text for text in after.said if text not in before.said],
+            "rows": after.rows.tolist(), "cols": after.cols.tolist(),
+            "levels": base64.b64encode(levels.tobytes()).decode(),
+        }  # fmt: skip
 
     def _followed(self, scene: Scene, index: int) -> AnchorPreview:
         """The frame's fringes, followed anew where frame or scene are others."""
@@ -244,34 +234,12 @@ class ClickPreview:
         return old
 
 
-def _what_becomes(
-    before: PatchOrders, after: PatchOrders, part: NDArray[np.bool_], what: str, extent: str
-) -> dict[str, Any]:
-    """What becomes of a part of the frame, or region, and how it is said."""
-    share = float(part.mean())
-    under = message("part_under", share=100.0 * share, extent=extent)
-    kind, words = part_change(before.order[part], after.order[part], under, what)
-    lost = ~part & np.isfinite(before.order) & ~np.isfinite(after.order)
-    if lost.mean() > _WORTH_SAYING:
-        words += message("elsewhere_would_not_known", mean=100.0 * lost.mean(), extent=extent)
-    sentences = [text for text in after.said if text not in before.said]
-    levels = shown_orders(np.where(part, after.order, np.nan))
-    return {
-        "kind": kind, "words": f"{words}.", "said": sentences, "share": share,
-        "rows": after.rows.tolist(), "cols": after.cols.tolist(),
-        "levels": base64.b64encode(levels.tobytes()).decode(),
-    }  # fmt: skip
-
-
 def _nothing(words: str) -> dict[str, Any]:
     """The answer where a place would anchor nothing."""
     return {"kind": "nothing", "words": f"{words}.", "said": [], "share": 0.0}
 
 
 ADDRESS = "127.0.0.1"
-
-MOST_BYTES = 1_000_000
-"""Of a request's body: a scene's text with room to spare."""
 
 _IDLE_S = 60.0
 """Seconds that a connection may say nothing."""
@@ -316,7 +284,7 @@ class SetupServer(ThreadingHTTPServer):
         self._pages = 0
         self._gone_at: float | None = None
         self._count = threading.Lock()
-        self._ended = threading.Event()
+        self.is_ended = False
 
     @property
     def hosts(self) -> tuple[str, str]:
@@ -330,43 +298,34 @@ class SetupServer(ThreadingHTTPServer):
 
     def run(self) -> None:
         """Serve until the page is closed, or `end` is called."""
-
-        def watch() -> None:
-            while not self._ended.wait(0.2):
+        self.timeout = 0.1
+        try:
+            while not self.is_ended:
+                self.handle_request()
                 with self._count:
                     gone = self._gone_at
-                if gone is not None and time.monotonic() - gone > _GRACE_S:
-                    self.end()
-
-        threading.Thread(target=watch, daemon=True).start()
-        try:
-            self.serve_forever(poll_interval=0.1)
+                self.is_ended |= gone is not None and time.monotonic() - gone > _GRACE_S
         finally:
-            self._ended.set()
+            self.end()
             self.server_close()
 
     def end(self) -> None:
-        """End serving, from any other thread."""
-        self._ended.set()
-        self.shutdown()
+        """End serving, from any thread."""
+        self.is_ended = True
 
-    @property
-    def is_ended(self) -> bool:
-        """Whether the server is about to end."""
-        return self._ended.is_set()
-
-    def page_opened(self) -> None:
-        """Count a page that is there."""
+    @contextmanager
+    def open_page(self) -> Iterator[None]:
+        """Count a page as long as it is there."""
         with self._count:
             self._pages += 1
             self._gone_at = None
-
-    def page_closed(self) -> None:
-        """Count a page that is gone."""
-        with self._count:
-            self._pages -= 1
-            if self._pages == 0:
-                self._gone_at = time.monotonic()
+        try:
+            yield
+        finally:
+            with self._count:
+                self._pages -= 1
+                if self._pages == 0:
+                    self._gone_at = time.monotonic()
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """Say nothing of connections that a browser breaks off."""
@@ -456,8 +415,8 @@ class _Handler(BaseHTTPRequestHandler):
         stated = self.headers.get_all("Content-Length") or []
         if len(stated) != 1 or not (stated[0].isascii() and stated[0].isdigit()):
             raise _Refused(HTTPStatus.LENGTH_REQUIRED, "send_one_content_length")
-        if len(stated[0]) > 12 or int(stated[0]) > MOST_BYTES:
-            raise _Refused(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, "bytes_most", most_bytes=MOST_BYTES)
+        if len(stated[0]) > 12 or int(stated[0]) > MAX_BYTES:
+            raise _Refused(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, "bytes_most", most_bytes=MAX_BYTES)
         if (self.headers.get_content_type()) != "application/json":
             raise _Refused(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, "send_application_json")
         try:
@@ -521,14 +480,11 @@ class _Handler(BaseHTTPRequestHandler):
         """Send signs of life as long as the page is there: its end is the server's."""
         self.close_connection = True
         self._begin({"Content-Type": "text/event-stream"})
-        self.server.page_opened()
-        try:
+        with self.server.open_page():
             while not self.server.is_ended:
                 self.wfile.write(b": here\n\n")
                 self.wfile.flush()
                 time.sleep(_PULSE_S)
-        finally:
-            self.server.page_closed()
 
 
 def _index(request: edits.Request) -> int:
@@ -675,10 +631,7 @@ def open_session(
     *,
     calibration: str | None = None,
 ) -> SetupSession:
-    """Open the frames, and the scene or calibration set where there is one, as for `setup`.
-
-    The file of a calibration set is taken for frames too.
-    """
+    """Open the frames, and the scene or set where there is one; a set names its frames."""
     if calibration is not None and calibration not in SUBJECTS:
         raise InputError(
             "calibration_none_name_one", calibration=calibration, subjects=", ".join(SUBJECTS)
@@ -698,10 +651,7 @@ def open_session(
 def _session_of(
     given: str | Path | tuple[str | Path, ...], place: Path, calibration: str | None
 ) -> SetupSession:
-    """The session on a scene's or set's file, which may not be there yet; its line ends stay.
-
-    It is a set's where the text is one, or is to be one.
-    """
+    """The session on a scene's or set's file, there or not yet; its line ends stay."""
     if place.is_dir() or not place.parent.is_dir():
         raise InputError("scene_cannot_written_there", place=place)
     text, saved = "", place.is_file()

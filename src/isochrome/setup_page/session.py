@@ -1,19 +1,9 @@
-"""What the page works on: the frames, and the text of a scene with its history.
-
-The model's fringes while a slider moves: a little less exact than a fit's, and much faster.
-
-The mean over a pixel's area is left out: some hundredths of the full light, which no eye sees. What
-is fitted, checked and simulated is never this picture.
-
-A calibration set that is set up on its images: what the page does otherwise than for a scene.
-
-From points on the picture to values of the scene, and back.
+"""What the page works on: the frames, and the text of a scene or calibration set with its history.
 
 Rows and columns are px with pixel centres at whole numbers. Those of the page are of the whole
 picture; a scene's known orders and its mask are counted in its region of interest.
 """
 
-import math
 import os
 import re
 import threading
@@ -68,73 +58,9 @@ from isochrome.scene import (
 from isochrome.specimens import specimen_model
 from isochrome.stress import PixelGrid, pixel_grid
 
-Point = tuple[float, float]
-"""A place as (row, col), px."""
-
-_NEAREST_PX = 2.0
-"""Points nearer than this are one: half a pixel of each would be a quarter of the scale."""
-
-
-def pixel_scale(first: Point, second: Point, length_mm: float) -> float:
-    """Side of a pixel, mm, from two points (row, col) a known length apart; InputError for none."""
-    apart = math.hypot(second[0] - first[0], second[1] - first[1])
-    if not apart >= _NEAREST_PX:
-        raise InputError("two_points_scale_px", apart=apart, nearest_px=_NEAREST_PX)
-    if not 0.0 < length_mm < math.inf:
-        raise InputError("length_mm_give_distance", length_mm=length_mm)
-    return length_mm / apart
-
-
-def seen_at(pixels: PixelGrid, x_mm: float, z_mm: float) -> Point:
-    """The point (row, col) of the region that looks at a place."""
-    from scipy.optimize import root
-
-    unit = pixels.pixel_mm
-    start = (z_mm - pixels.top_mm) / unit - 0.5, (x_mm - pixels.left_mm) / unit - 0.5
-    if pixels.lens is None:
-        return start
-
-    def away(at: Any) -> Any:
-        """How far the point looks beside the place, px."""
-        return np.subtract(pixels.place(at[0], at[1]), (x_mm, z_mm)) / unit
-
-    row, col = root(away, start, tol=1e-12).x.tolist()
-    return row, col
-
-
-def placed_at(pixels: PixelGrid, point: Point) -> tuple[float, float]:
-    """The outer edges left_mm and top_mm for which a point (row, col) looks at x = z = 0.
-
-    That is the middle of the contact on the surface, or the top of a disc, ring or beam. How the
-    pixels look stays, only their edges move.
-    """
-    x, z = pixels.place(*point)
-    return pixels.left_mm - x, pixels.top_mm - z
-
-
-def surface_roll(first: Point, second: Point) -> float:
-    """The camera's roll, degrees counter-clockwise, from two points (row, col) on the surface.
-
-    InputError where they are one above the other, or the surface is turned by over 45 degrees.
-    """
-    first_end, second_end = sorted((first, second), key=lambda point: point[1])
-    across, down = second_end[1] - first_end[1], second_end[0] - first_end[0]
-    if across < _NEAREST_PX or abs(down) > across:
-        raise InputError("two_points_surface_lie")
-    # a picture that is turned counter-clockwise has the right end of the surface higher
-    return math.degrees(math.atan2(-down, across)) + 0.0
-
-
-def on_line(first: Point, second: Point, col: float) -> float:
-    """The row at a column of the straight line through two points (row, col), px."""
-    share = (col - first[1]) / (second[1] - first[1])
-    return first[0] + share * (second[0] - first[0])
-
 
 def moved(points: Sequence[Sequence[float]], down: float, right: float) -> list[list[float]]:
-    """Points (row, col) moved by px, rounded to a hundredth, such as from the picture to its
-    region.
-    """
+    """Points (row, col) moved by px, rounded to a hundredth."""
     return [[round(row + down, 2), round(col + right, 2)] for row, col in points]
 
 
@@ -146,9 +72,10 @@ def round_by_spread(value: float, spread: float) -> float:
 
 
 class LiveModel:
-    """A scene's fringes on the pixels (rows, cols) of its region, as values move.
+    """The fringes of a scene of one state on the pixels (rows, cols) of its region, as values move.
 
-    The scene is one state, with its pixel size.
+    Less exact than a fit's, and much faster: the mean over a pixel's area is left out, some
+    hundredths of the full light.
     """
 
     def __init__(self, scene: Scene, shape: tuple[int, int]) -> None:
@@ -167,9 +94,8 @@ class LiveModel:
         self._renderer = SceneRenderer(self._base, self.shape, rough=True)
 
     def signal(self, values: Mapping[str, float]) -> NDArray[np.floating]:
-        """The polariscope's signal (rows, cols) for values by key, 1 for full light.
+        """The signal (rows, cols) for values by key, 1 for full light, 0 where no specimen is.
 
-        No specimen, no light. Keys whose table the frame's own state has not are left out.
         InputError where a value is not allowed, PhysicsError where the contact cannot be solved.
         """
         known = {
@@ -177,33 +103,15 @@ class LiveModel:
             for key, value in values.items()
             if getattr(self.scene, key.partition(".")[0], None) is not None
         }
+        scene, sharp = self._base.with_values(known), np.ones((), np.float32)
         try:
-            return self._signal(self._base.with_values(known))
+            signal = self._renderer.signal(scene, visibility=sharp)
         except PhysicsError:  # the contact outgrew its window
             self._start(self.scene.with_values(known))
-            return self._signal(self._base)
-
-    def _signal(self, scene: Scene) -> NDArray[np.floating]:
-        signal = self._renderer.signal(scene, visibility=np.ones((), np.float32))
+            scene = self._base
+            signal = self._renderer.signal(scene, visibility=sharp)
         inside = specimen_model(scene).inside(pixel_grid(scene, self.shape))
         return np.where(inside, np.nan_to_num(signal), 0.0)
-
-
-def grey_span(picture: NDArray[np.uint8]) -> tuple[float, float]:
-    """The dark and the bright grey level between which a picture's fringes go."""
-    low, high = np.percentile(picture[::4, ::4], _OUTERMOST)
-    return float(low), float(max(high, low + 1.0))
-
-
-def shown_grey(
-    signal: NDArray[np.floating], span: tuple[float, float], gamma: float
-) -> NDArray[np.uint8]:
-    """Grey levels of a signal, 1 for full light, as bright as the picture that it lies over.
-
-    `span`, see `grey_span`; the camera stores light^(1/gamma).
-    """
-    stored = np.clip(signal, 0.0, 1.0) ** np.float32(1.0 / gamma)
-    return np.asarray(np.rint(span[0] + (span[1] - span[0]) * stored), dtype=np.uint8)
 
 
 _NAMING = (
@@ -220,9 +128,8 @@ _OUTERMOST = 0.1, 99.9
 
 
 class SetupSession:
-    """A scene that is being set up on its frames, and written to `scene_file`.
+    """A scene that is set up on its frames, and written to `scene_file`; no browser is needed.
 
-    Everything that the page does goes through here, and all of it can be done without a browser.
     `text` is empty for a scene that is still to be made; `saved`: the file holds it already.
     """
 
@@ -267,10 +174,7 @@ class SetupSession:
         return sorted(f.name for f in files if f.is_file() and not f.name.startswith("."))
 
     def left_out(self, scene: Scene | None) -> tuple[Path, ...]:
-        """The files of a folder of frames that are none of them: those that `scene` names.
-
-        Before there is a scene, the files that look like no-load frames by their names.
-        """
+        """Files of a folder that `scene` names; without one, no-load frames by their names."""
         if not (isinstance(self.frames, str | Path) and Path(self.frames).is_dir()):
             return ()
         if scene is not None:
@@ -283,11 +187,7 @@ class SetupSession:
         return self.reader(scene).count(decode=False)
 
     def scene(self, text: str | None = None) -> Scene:
-        """The scene of a text, by default the page's own.
-
-        InputError where it is none, or names a file that is neither beside the frames nor was in
-        the scene at first.
-        """
+        """The scene of a text, by default the page's own; InputError: a file not beside it."""
         text = self.text if text is None else text
         if not text.strip():
             raise InputError("there_no_scene_yet")
@@ -333,10 +233,7 @@ class SetupSession:
         return None
 
     def read_again(self) -> None:
-        """Take the file's scene where another program has changed it; undo takes it back.
-
-        A text that is no scene is left alone: `save` refuses to write over it.
-        """
+        """Take the file's scene where another program has changed it, if it is one."""
         with self._lock:
             data = self._read_file()
             if data is None or data == self._file_bytes:
@@ -348,11 +245,7 @@ class SetupSession:
                 self._file_bytes, self._saved_text = data, text
 
     def save(self) -> None:
-        """Write the scene, whole or not at all.
-
-        Raises InputError where it cannot be written, or where the file is no longer the one that
-        was read or saved last.
-        """
+        """Write the scene whole; InputError where the file is not the one read or saved last."""
         with self._lock:
             self.check_complete()
             if self._read_file() not in (None, self._file_bytes):
@@ -415,10 +308,7 @@ class SetupSession:
         return pixel_grid(scaled, (region.height_px, region.width_px))
 
     def live(self, index: int, values: Mapping[str, float]) -> tuple[NDArray[np.uint8], Roi]:
-        """The model's fringes of a frame's state as grey levels (rows, cols) of the region, and it.
-
-        `values` by the scene's keys stand in place of its own.
-        """
+        """The model's fringes, as bright as the frame, as grey levels of the region, and it."""
         with self._lock:
             scene, key = self.scene(), (self.revision, index)
             region = self.region(scene)
@@ -427,16 +317,17 @@ class SetupSession:
                 self.pixels(scene)  # its scale
                 state = own_scene(with_file_scale(scene, self.reader(scene)), frame)
                 model = LiveModel(state, (region.height_px, region.width_px))
-                span = grey_span(_cut(shown_frame(frame.image), region))
-                self._model = key, model, span
-            _, model, span = self._model
-            return shown_grey(model.signal(values), span, scene.frames.first_gamma), region
+                shown = _cut(shown_frame(frame.image), region)
+                dark, bright = (float(v) for v in np.percentile(shown[::4, ::4], _OUTERMOST))
+                self._model = key, model, (dark, max(bright, dark + 1.0))
+            _, model, (dark, bright) = self._model
+            light = np.clip(model.signal(values), 0.0, 1.0)
+            stored = light ** np.float32(1.0 / scene.frames.first_gamma)
+            return np.asarray(np.rint(dark + (bright - dark) * stored), dtype=np.uint8), region
 
 
 def shown_frame(image: NDArray[Any]) -> NDArray[np.uint8]:
-    """Raw grey levels in 8 bits: the darkest thousandth is black, the brightest white; NaN is
-    black.
-    """
+    """Raw grey levels in 8 bits: the darkest thousandth and NaN black, the brightest one white."""
     values = np.nan_to_num(image.astype(np.float32))
     step = max(1, int(np.sqrt(values.size / 250_000)))
     low, high = np.percentile(values[::step, ::step], _OUTERMOST)
@@ -471,19 +362,13 @@ _PICTURED = ("camera", "polariscope", "frames")
 """Tables that a set and a scene have in common: how the picture is taken and read."""
 
 _LOAD_IN_NAME = re.compile(r"(?<![0-9A-Za-z.,])([0-9]+(?:[.,][0-9]+)?)[ _-]?N(?![A-Za-z])")
+"""The load that an image's name may tell, such as disc-560N.png."""
 
 _GAMMA = "frames.gamma"
 
-_TURN = 73
-"""Points of a circle as the page draws it."""
-
 
 class SetSession(SetupSession):
-    """A calibration set of a bending or diametral specimen that is being set up on its images.
-
-    Its text need not be a whole set until it is saved or calibrated: sizes, scale and loads come
-    one after the other.
-    """
+    """A calibration set on its images; its text need not be whole before it is saved."""
 
     def __init__(
         self, frames: FramesLike, scene_file: Path, text: str, *, saved: bool, subject: str
@@ -539,7 +424,8 @@ class SetSession(SetupSession):
     def loads(self) -> list[float | None]:
         """The load of each image, N: the set's, before it is made that of the file's name."""
         if not self.text.strip():
-            return [_load_in(name) for name in self.image_names]
+            numbers = [_LOAD_IN_NAME.findall(Path(name).stem) for name in self.image_names]
+            return [float(n[0].replace(",", ".")) if len(n) == 1 else None for n in numbers]
         loads = _loads_in(parse_toml(self.text, self.scene_file.name).get("image", []))
         return [loads.get(name) for name in self.image_names]
 
@@ -553,10 +439,7 @@ class SetSession(SetupSession):
         return result
 
     def outlines(self, index: int) -> list[list[list[float]]]:
-        """Where the specimen is in an image: a disc's rim, a beam's edges once it is calibrated.
-
-        Lines of (row, col) of the whole picture; none where the specimen is not found.
-        """
+        """A disc's rim, or a calibrated beam's edges, as lines of (row, col); none if not found."""
         scene = self.scene()
         region, image = self.region(scene), self.frame(index, scene).image
         revision, geometry = self._geometry
@@ -583,8 +466,8 @@ def _cut(image: NDArray[Any], region: Roi) -> NDArray[Any]:
 
 
 def _ring(row: float, col: float, radius: float) -> list[list[float]]:
-    """A circle's points."""
-    turn = np.linspace(0.0, 2.0 * np.pi, _TURN)
+    """A circle's points, each five degrees."""
+    turn = np.radians(np.arange(0.0, 361.0, 5.0))
     away = radius * np.stack([np.sin(turn), np.cos(turn)], 1)
     ring: list[list[float]] = (np.array([row, col]) + away).tolist()
     return ring
@@ -611,22 +494,13 @@ def _edges(
         yield [(float(row - slope * half), 0.0), (float(row + slope * half), width - 1.0)]
 
 
-def _load_in(name: str) -> float | None:
-    """The load that an image's name tells, such as disc-560N.png; None where it tells none."""
-    numbers = _LOAD_IN_NAME.findall(Path(name).stem)
-    return float(numbers[0].replace(",", ".")) if len(numbers) == 1 else None
-
-
 def _loads_in(images: Iterable[Mapping[str, Any]]) -> Any:
     """The loads of a set's images by their files, without what is not known of them."""
     return plain_table({image.get("file"): image.get("load_n") for image in images})
 
 
 def with_loads(text: str, names: Sequence[str], loads: Sequence[float | None]) -> str:
-    """A set's TOML text with its images' loads, N; comments stay where the images do.
-
-    None: an image that is not of the set. InputError where the text's layout cannot be edited.
-    """
+    """A set's text with its images' loads, N; None: not of the set; comments stay."""
     wanted = {n: load for n, load in zip(names, loads, strict=True) if load is not None}
     images_before = parse_toml(text, "set").get("image", [])
     loads_before = _loads_in(images_before)
@@ -642,12 +516,7 @@ def with_loads(text: str, names: Sequence[str], loads: Sequence[float | None]) -
 
 
 def calibration_answer(session: SetSession) -> dict[str, Any]:
-    """Calibrate, and say what was found.
-
-    `values`: words and text; `images`: file, load, order, chi; `causes`: words and text of each
-    that the images asked for, the key and value that state it, None for none, a `note`; `warnings`,
-    and the `revision` of the set.
-    """
+    """Calibrate: values, images, causes with the key and value that state them, warnings."""
     revision = session.revision
     result = session.calibrate()
     return {

@@ -1,14 +1,9 @@
-"""`simulate`: wear and frames at a scene's distances, in memory or streamed to a folder.
-
-The files that a simulation leaves, put together from what is kept of its chunks.
-
-What the report of a simulation says, from the files that it left.
-"""
+"""`simulate`: wear and frames at a scene's distances, in memory or in a folder; its report."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.errors import InputError
-from isochrome.figures import PaperPanels, chosen_frames, course_plot
+from isochrome.figures import PaperPanels, chosen_frames, course_plot, panels_figure, plain_name
 from isochrome.optics import stored_type
 from isochrome.output import (
     Result,
@@ -48,11 +43,15 @@ from isochrome.reporting import (
 )
 from isochrome.runs import (
     REPORT,
+    Column,
     Job,
     RunFolder,
     RunLayout,
     RunOptions,
+    attributes,
     chunk_size,
+    column,
+    make_dataset,
     parts,
     refuse_without_folder,
     rows,
@@ -61,7 +60,7 @@ from isochrome.runs import (
     single_threaded,
 )
 from isochrome.scene import Scene, SceneLike, check_moduli, check_pixel, dump_scene, load_scene
-from isochrome.simulation.figure import simulation_figure, simulation_panels, stress_figure
+from isochrome.simulation.figure import simulation_panels, stress_kinds
 from isochrome.simulation.model import SceneState, required_model, state_count
 from isochrome.simulation.rendering import (
     FRAMES,
@@ -73,8 +72,8 @@ from isochrome.simulation.rendering import (
     RenderWork,
     add_state_row,
     history_row,
+    picture_axes,
     shown_states,
-    simulation_dataset,
 )
 from isochrome.stress import PixelGrid, pixel_grid
 
@@ -95,6 +94,13 @@ _QUANTITIES = (
 )
 """Columns of history.csv that are drawn and said, their names and units."""
 
+_MAPS = {
+    "frames": ("grey level", "the camera's frames"),
+    "fringe_order": ("1", "fringe order N"),
+    "sigma_1_direction": ("degree", "direction of sigma_1, counter-clockwise from x"),
+}
+"""Units of maps that are no stresses in MPa, and what they are."""
+
 _NO_CAUSES = "A simulation asks no frames for anything: it is what the scene below makes."
 _NO_BUDGET = (
     "A simulation has none: isochrome sweep shows what another number of the scene changes."
@@ -102,10 +108,7 @@ _NO_BUDGET = (
 
 
 def simulation_report(folder: Path, scene: Scene, record: Mapping[str, Any]) -> ReportContent:
-    """What the report of a simulation in a folder says; frames are read of the few that it shows.
-
-    `record` is provenance.json. OSError, ValueError or KeyError where a file cannot be read.
-    """
+    """What a simulation's report says. OSError, ValueError or KeyError: a file is not as it was."""
     history = read_csv(folder / HISTORY)
     count = len(history["state"])
     frames = _frames(folder, scene, history)
@@ -134,8 +137,8 @@ def simulation_report(folder: Path, scene: Scene, record: Mapping[str, Any]) -> 
 
 def _known(history: Mapping[str, list[Any]]) -> Iterator[tuple[str, str, Array]]:
     """Names, units and values of the quantities that the simulation has."""
-    for column, name, unit in _QUANTITIES:
-        values = numbers(history[column])
+    for key, name, unit in _QUANTITIES:
+        values = numbers(history[key])
         if np.isfinite(values).any():
             yield name, unit, values
 
@@ -198,14 +201,6 @@ def _stack(path: Path, shape: tuple[int, ...]) -> Array:
         return np.asarray(file.series[0].asarray(out="memmap")).reshape(shape)
 
 
-def run_layout(work: RenderWork) -> RunLayout:
-    """What a simulation keeps of its states: parts of files alone."""
-    forms = [_form(work, name) for name in work.stacks]
-    size = sum(int(np.prod(shape)) * dtype.itemsize for shape, dtype in forms)
-    chunk = chunk_size(work.count, size)
-    return RunLayout(axes={"state": work.count}, chunk=chunk, store=False, part_bytes=size)
-
-
 def finish_simulation_folder(
     run: RunFolder, work: RenderWork, record: Mapping[str, Any]
 ) -> dict[str, list[Any]]:
@@ -224,31 +219,18 @@ def finish_simulation_folder(
     write_figure(folder / PICTURE, _drawn(work))
     if work.components:
         shown = work.rendered_states(work.shown)
-        write_figure(folder / "stress.png", stress_figure(scene, work.pixels, shown))
+        marks = "× largest shear" + (", ▼ edges of contact" if scene.is_contact else "")
+        head = f"{plain_name(scene.name)}, simulated: principal stresses\n{marks}"
+        labels = [plain_name(item.state.label) for item in shown]
+        panels = PaperPanels(kinds=stress_kinds(work.pixels, shown), labels=labels)
+        write_figure(folder / "stress.png", panels_figure(panels, head))
     write_report(folder / REPORT, simulation_report(folder, scene, record))
     return history
 
 
 def _join(run: RunFolder, work: RenderWork, name: str, history: dict[str, list[Any]]) -> None:
-    """A stack from the chunks' parts of it."""
+    """A stack from the chunks' parts of it, with what ImageJ is to know of it."""
     (steps, *shape), dtype = _form(work, name)
-
-    def frames() -> Iterator[np.ndarray]:
-        for part in parts(run, name):
-            yield from np.frombuffer(part, dtype).reshape(-1, *shape)
-
-    write_frames(
-        run.results / name, frames(), (work.count * steps, *shape), dtype,
-        pixel_mm=work.pixels.pixel_mm, photometric="rgb" if len(shape) == 3 else "minisblack",
-        metadata=_view(run, work, name, history),
-    )  # fmt: skip
-
-
-def _view(
-    run: RunFolder, work: RenderWork, name: str, history: dict[str, list[Any]]
-) -> dict[str, Any]:
-    """What ImageJ is to know of a stack: labels, range, colours and origin."""
-    (steps, *_), dtype = _form(work, name)
     pixels, camera = work.pixels, work.scene.camera
     assert camera is not None
     if name == FRAMES:
@@ -263,7 +245,16 @@ def _view(
         for label in history["label"]
         for step in range(steps)
     ]
-    return imagej_view(name, span, labels=labels, **pixels.scale)
+    frames = (
+        frame
+        for part in parts(run, name)
+        for frame in np.frombuffer(part, dtype).reshape(-1, *shape)
+    )
+    write_frames(
+        run.results / name, frames, (work.count * steps, *shape), dtype, pixel_mm=pixels.pixel_mm,
+        photometric="rgb" if len(shape) == 3 else "minisblack",
+        metadata=imagej_view(name, span, labels=labels, **pixels.scale),
+    )  # fmt: skip
 
 
 def _form(work: RenderWork, name: str) -> tuple[tuple[int, ...], np.dtype[Any]]:
@@ -325,8 +316,19 @@ class Simulation(Result):
         """
         if self.frames is None or self.orders is None:
             raise InputError("frames_maps_tiff_stacks", title=self.title)
+        count = len(self.history["state"])
+        columns = {n: column(list(values), "state", n) for n, values in self.history.items()}
+        places = {name: columns.pop(name) for name in ("state", "label", "distance_m")}
+        places |= picture_axes(self.pixels, coloured=self.frames.ndim == 4)
         maps = {"frames": self.frames, "fringe_order": self.orders, **self.maps}
-        return simulation_dataset(self.scene, self.pixels, self.history, maps)
+        for name, values in maps.items():
+            stack = values.reshape(count, len(values) // count, *values.shape[1:])
+            names: tuple[str, ...] = ("state", "step", "row", "col", "channel")[: stack.ndim]
+            if stack.shape[1] == 1:
+                stack, names = stack[:, 0], ("state", *names[2:])
+            units, what = _MAPS.get(name, ("MPa", name))
+            columns[name] = Column(names, stack, {"units": units, "long_name": what})
+        return make_dataset(columns, places, attributes({"scene": dump_scene(self.scene)}))
 
     @property
     def columns(self) -> Mapping[str, Sequence[Any]]:
@@ -447,7 +449,11 @@ def simulate(
             scene = scene.model_copy(update={"folder": (scene.folder or Path()).absolute()})
         with single_threaded():
             work = RenderWork(scene, pixels, count, components=components)
-            job = Job(work, run_layout(work), identity)
+            forms = [_form(work, name) for name in work.stacks]
+            size = sum(int(np.prod(shape)) * dtype.itemsize for shape, dtype in forms)
+            chunk = chunk_size(count, size)
+            layout = RunLayout(axes={"state": count}, chunk=chunk, store=False, part_bytes=size)
+            job = Job(work, layout, identity)
             finish = partial(finish_simulation_folder, work=work, record=identity)
             options = RunOptions(workers, cluster, restart)
             columns = run_job(job, Path(out), finish, options=options, progress=progress)
@@ -478,5 +484,9 @@ def simulate(
 
 
 def _drawn(work: RenderWork) -> Figure:
-    """The picture of a simulation in a folder."""
-    return simulation_figure(work.scene, work.pixels, work.rendered_states(work.shown))
+    """Simulated frames on millimetre axes; for a contact, pressure and worn depth below them."""
+    scene, steps = work.scene, len(work.scene.polariscope.step_numbers)
+    which = f"rendered frames, the first of {steps} steps" if steps > 1 else "rendered frames"
+    head = f"{plain_name(scene.name)}, simulated ({which})"
+    shown = [replace(item, components=None) for item in work.rendered_states(work.shown)]
+    return panels_figure(simulation_panels(scene, work.pixels, shown), head)

@@ -1,12 +1,8 @@
-"""The picture that `simulate` leaves: the fringes of each state, pressure and worn depth.
-
-The picture of the principal stresses that `simulate` leaves where they were asked for.
-"""
+"""What pictures of a simulation are made of: fringes, principal stresses, pressure, worn depth."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from functools import partial
 from itertools import cycle
 from typing import TYPE_CHECKING, Any
@@ -28,7 +24,6 @@ from isochrome.figures import (
     add_legend,
     centred_limit,
     given_axes,
-    panels_figure,
     plain_name,
     plot_frame,
     show_image,
@@ -40,7 +35,6 @@ from isochrome.stress import PixelGrid
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
     from matplotlib.image import AxesImage
 
     from isochrome.simulation.rendering import Rendered
@@ -49,19 +43,8 @@ _NAMES = {"sigma_1": "σ₁", "sigma_2": "σ₂"}
 """In letters that are no smaller than the others'."""
 
 
-def stress_figure(scene: Scene, pixels: PixelGrid, items: list[Rendered]) -> Figure:
-    """Maps of sigma_1 above those of sigma_2, with the largest shear and the contact's edges.
-
-    Red is tension, blue compression; the maps of each stress have one scale.
-    """
-    marks = "× largest shear" + (", ▼ edges of contact" if scene.is_contact else "")
-    head = f"{plain_name(scene.name)}, simulated: principal stresses\n{marks}"
-    labels = [plain_name(item.state.label) for item in items]
-    return panels_figure(PaperPanels(kinds=stress_kinds(pixels, items), labels=labels), head)
-
-
 def stress_kinds(pixels: PixelGrid, items: Sequence[Rendered]) -> list[PictureKind]:
-    """The maps for a paper; none where the principal stresses were not asked for."""
+    """Maps of sigma_1 and of sigma_2, each of one scale; none where they were not asked for."""
     kinds = []
     for name, plain in _NAMES.items():
         maps = [item.components.maps[name] for item in items if item.components]
@@ -78,10 +61,7 @@ def stress_kinds(pixels: PixelGrid, items: Sequence[Rendered]) -> list[PictureKi
 def _draw_stress(
     axes: Axes, item: Rendered, image: np.ndarray, pixels: PixelGrid, limit: float
 ) -> AxesImage:
-    """A map, red in tension and blue in compression, with its marks.
-
-    A cross where the shear is largest; carets at the edges of contact, where in view.
-    """
+    """A map, red in tension, a cross at the largest shear, carets at the contact's edges."""
     look: dict[str, Any] = {"cmap": DIFFERENCE_MAP, "vmin": -limit, "vmax": limit}
     shown = show_image(axes, image, **look, **pixels.scale)
     assert item.components is not None
@@ -97,18 +77,8 @@ def _draw_stress(
     return shown
 
 
-def simulation_figure(scene: Scene, pixels: PixelGrid, items: list[Rendered]) -> Figure:
-    """Simulated frames on millimetre axes; for a contact, pressure and worn depth below them."""
-    steps = len(scene.polariscope.step_numbers)
-    which = f"rendered frames, the first of {steps} steps" if steps > 1 else "rendered frames"
-    head = f"{plain_name(scene.name)}, simulated ({which})"
-    frames = [replace(item, components=None) for item in items]
-    return panels_figure(simulation_panels(scene, pixels, frames), head)
-
-
 def simulation_panels(scene: Scene, pixels: PixelGrid, items: Sequence[Rendered]) -> PaperPanels:
-    """The same for a paper, with the maps of the principal stresses where they were asked for."""
-
+    """Frames, maps of the principal stresses where they were asked for, a contact's profiles."""
     bits = scene.camera.bit_depth if scene.camera is not None else None
     full = 1.0 if bits is None else 2**bits - 1
 

@@ -104,10 +104,7 @@ def scene_states(scene: Scene) -> list[SceneState]:
 
 
 def iter_scene_states(scene: Scene) -> Iterator[SceneState]:
-    """The states of `scene_states`, each solved when it is asked for.
-
-    InputError at once, where the scene has no model; PhysicsError as they come.
-    """
+    """The states of `scene_states`, each solved when it is asked for; InputError at once."""
     model = required_model(scene)
     if not scene.is_contact:
         return iter((SceneState(model, 0.0, None),))
@@ -122,10 +119,7 @@ def iter_scene_states(scene: Scene) -> Iterator[SceneState]:
 
 
 def with_added_tractions(scene: Scene, surface: SurfaceState) -> SurfaceState:
-    """A contact's surface with the scene's added tractions on it; its edges stay the model's.
-
-    PhysicsError where they lie outside the contact's window.
-    """
+    """A surface with the scene's added tractions; PhysicsError outside the contact's window."""
     added = scene.added_tractions
     if added is None:
         return surface
@@ -182,10 +176,7 @@ def no_model_sentence(scene: Scene) -> str:
 
 
 def state_difference(scene: Scene, state: SceneState, pixels: PixelGrid) -> StressDifference:
-    """(sigma_x - sigma_z) + 2i tau_xz (rows, cols), MPa, of one state, with what the scene adds.
-
-    NaN outside a specimen that is shown whole, 0 above a contact's surface.
-    """
+    """(sigma_x - sigma_z) + 2i tau_xz (rows, cols), MPa, of a state; NaN: no specimen."""
     return specimen_model(scene).difference(scene, state.surface, pixels)
 
 
@@ -207,11 +198,9 @@ def make_picture(scene: Scene, difference: StressDifference, pixels: PixelGrid) 
 
 
 def picture_signal(scene: Scene, picture: Picture, step: int | None = None) -> Array:
-    """Polariscope signal of a picture, 1 for full light; no specimen, no light.
+    """A picture's signal, 1 for full light: (rows, cols), of a colour camera (rows, cols, 3).
 
-    (rows, cols), or (rows, cols, 3) for a colour camera, in float64 where it stores more than 10
-    bits. `step`: phase step, None: dark, bright or plane field. InputError on a response file that
-    cannot be used, or a light that a channel does not see.
+    `step`: phase step, None: the field. InputError: a response or a light that cannot be used.
     """
     camera, polariscope = scene.camera, scene.polariscope
     order, covered = picture.mean_order, picture.material.all()

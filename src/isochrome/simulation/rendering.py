@@ -1,25 +1,13 @@
-"""From states to what the camera stores of them, one state at a time.
+"""From states to what the camera stores of them, one state at a time, with axes in mm.
 
-The principal stresses apart, and the largest shear with its place: only when asked for.
-
-Fringes show the difference of the principal stresses alone; the model has both.
-
-What a simulation holds in memory, with axes in mm.
-
-The rows that a rendered state adds to `simulate`'s tables.
-
-States rendered chunk by chunk, by whoever asks: their pictures as bytes, their rows as numbers.
-
-The wear run comes first and is sequential: each process solves it once, as far as it needs it, a
-tenth of what rendering costs.
-
-What `simulate` does to a state, step by step: arrays with axes in, arrays with axes out.
+States are rendered chunk by chunk, by whoever asks. The wear run comes first and is sequential:
+each process solves it once, as far as it needs it, a tenth of what rendering costs.
 """
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -30,8 +18,8 @@ from isochrome.contact import SurfaceState
 from isochrome.errors import InputError, PhysicsError
 from isochrome.optics import expose, fringe_order
 from isochrome.output import csv_text, evenly_spaced
-from isochrome.runs import Column, Results, attributes, column, make_dataset
-from isochrome.scene import Scene, dump_scene
+from isochrome.runs import Column, Results, make_dataset
+from isochrome.scene import Scene
 from isochrome.simulation.model import (
     Picture,
     SceneState,
@@ -54,14 +42,12 @@ LAYERS = ("sigma_1", "sigma_2", "sigma_1_direction", "sigma_x", "sigma_z", "tau_
 
 @dataclass(frozen=True)
 class Components:
-    """All that the model knows of one state's stress.
+    """All that the model knows of one state's stress."""
 
-    `maps`, each of LAYERS by its name (rows, cols), float32, NaN outside the material; `peak`, the
-    largest shear in the material in view, its surface included (under point
-    loads, which make it infinite, that at the pixels' centres).
-    """
-
+    # each of LAYERS by its name (rows, cols), NaN outside the material
     maps: dict[str, NDArray[np.float32]]
+    # the largest shear in the material in view, its surface included (under point loads, which
+    # make it infinite, that at the pixels' centres)
     peak: ShearPeak
 
 
@@ -87,23 +73,10 @@ def state_components(
     return Components(maps, model.peak(scene, state.surface, difference, pixels))
 
 
-_UNITS = {"frames": "grey level", "fringe_order": "1", "sigma_1_direction": "degree"}
-"""Units of maps; of all others MPa."""
-
-_WHAT = {
-    "frames": "the camera's frames",
-    "fringe_order": "fringe order N",
-    "sigma_1_direction": "direction of sigma_1, counter-clockwise from x",
-}
-
-
 def picture_array(
     values: NDArray[Any], pixels: PixelGrid, name: str, label: Mapping[str, str]
 ) -> RunArray:
-    """A picture (rows, cols) or (rows, cols, 3) with its axes in mm.
-
-    Parameters: `values`; `pixels`; `name`; `label`, its attributes.
-    """
+    """A picture (rows, cols) or (rows, cols, 3) with its axes in mm, and attributes `label`."""
     names = ("row", "col", "channel")[: values.ndim]
     places = picture_axes(pixels, coloured=values.ndim == 3)
     array: RunArray = make_dataset({name: Column(names, values, label)}, places, {})[name]
@@ -122,29 +95,6 @@ def picture_axes(pixels: PixelGrid, *, coloured: bool = False) -> dict[str, Colu
     } | ({"channel": names} if coloured else {})
 
 
-def simulation_dataset(
-    scene: Scene,
-    pixels: PixelGrid,
-    history: Mapping[str, Sequence[Any]],
-    maps: Mapping[str, NDArray[Any]],
-) -> RunDataset:
-    """Maps (state, row, col), frames, one for each step of each state, and the history of all
-    states.
-    """
-    count = len(history["state"])
-    columns = {name: column(list(values), "state", name) for name, values in history.items()}
-    places = {name: columns.pop(name) for name in ("state", "label", "distance_m")}
-    places |= picture_axes(pixels, coloured=maps["frames"].ndim == 4)
-    for name, values in maps.items():
-        stack = values.reshape(count, len(values) // count, *values.shape[1:])
-        names: tuple[str, ...] = ("state", "step", "row", "col", "channel")[: stack.ndim]
-        if stack.shape[1] == 1:
-            stack, names = stack[:, 0], ("state", *names[2:])
-        attribute = {"units": _UNITS.get(name, "MPa"), "long_name": _WHAT.get(name, name)}
-        columns[name] = Column(names, stack, attribute)
-    return make_dataset(columns, places, attributes({"scene": dump_scene(scene)}))
-
-
 HISTORY, PICTURE = "history.csv", "simulation.png"
 """The table of these rows, and the run's figure."""
 
@@ -155,8 +105,7 @@ PROFILE = ("state", "x_mm", "pressure_mpa", "shear_mpa", "wear_depth_um")
 def history_row(index: int, item: Rendered, pixels: PixelGrid) -> dict[str, Any]:
     """One row of history.csv: contact, wear, and the largest fringe order and shear in view.
 
-    The largest shear (sigma_1 - sigma_2)/2 is that of the pixel with the largest order; with the
-    item's components, the largest anywhere in the material in view.
+    Without the item's components the largest shear is that of the pixel with the largest order.
     """
     order = np.where(item.picture.material, item.picture.order, -1.0)
     row, col = np.unravel_index(int(order.argmax()), order.shape)
@@ -189,18 +138,12 @@ def history_row(index: int, item: Rendered, pixels: PixelGrid) -> dict[str, Any]
 
 
 def profile_rows(index: int, surface: SurfaceState) -> dict[str, Any]:
-    """The rows of pressure.csv for one state: the nodes that are loaded or worn.
-
-    They run from the last node before the first of them to the first after the last, so that the
-    zeros at both ends are there; beyond, all columns but x are zero and are left out.
-    """
-    touched = (surface.pressure_mpa != 0.0) | (surface.shear_mpa != 0.0)
-    places = np.flatnonzero(touched | (surface.wear_depth_mm != 0.0))
+    """The rows of pressure.csv for one state: what is loaded or worn, and a zero at both ends."""
+    p, q, h = surface.pressure_mpa, surface.shear_mpa, 1e3 * surface.wear_depth_mm
+    places = np.flatnonzero((p != 0.0) | (q != 0.0) | (h != 0.0))
     span = slice(max(int(places[0]) - 1, 0), int(places[-1]) + 2)
-    depth = 1e3 * surface.wear_depth_mm
-    values = (v[span] for v in (surface.grid.x_mm, surface.pressure_mpa, surface.shear_mpa, depth))
-    numbers = [index] * len(surface.grid.x_mm[span])
-    return dict(zip(PROFILE, (numbers, *values), strict=True))
+    x = surface.grid.x_mm[span]
+    return dict(zip(PROFILE, ([index] * len(x), x, p[span], q[span], h[span]), strict=True))
 
 
 def add_state_row(columns: dict[str, list[Any]], row: dict[str, Any]) -> None:
@@ -236,11 +179,9 @@ def render(
     components: bool = False,
     first: int = 0,
 ) -> Iterator[Rendered]:
-    """Render state after state; one is in memory at a time.
+    """Render state after state; noise of state i, from `first`, is seeded with (camera.seed, i).
 
-    Noise of state i, counted from `first`, is seeded with (camera.seed, i), so that a frame does
-    not depend on those before it. PhysicsError where a contact is wider than the picture, or
-    fringes are too fine for the pixels.
+    PhysicsError where a contact is wider than the picture, or fringes are too fine.
     """
     assert scene.camera is not None
     for index, state in enumerate(states, first):
@@ -266,7 +207,7 @@ def _block_order(scene: Scene, state: SceneState, pixels: PixelGrid) -> float | 
     if state.surface is None:
         return None
     added = specimen_model(scene).side_stress(scene, state.surface, pixels)
-    if added is None:
+    if not added:
         return None
     few = pixels.every(max(1, min(pixels.rows, pixels.cols) // 32))  # smooth: no pixel differs
     x, z = few.places
@@ -290,11 +231,7 @@ def shown_states(count: int) -> list[int]:
 
 
 class RenderWork:
-    """Renders states of a scene; it may be handed to other processes.
-
-    Attributes: `scene`; `pixels`; `count` of its states; `components`, whether the principal
-    stresses are wanted apart; `shown`, the states for the figure.
-    """
+    """Renders states of a scene, in other processes too; those that the figure shows are kept."""
 
     def __init__(self, scene: Scene, pixels: PixelGrid, count: int, *, components: bool) -> None:
         self.scene, self.pixels, self.count, self.components = scene, pixels, count, components

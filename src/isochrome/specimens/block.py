@@ -6,13 +6,12 @@ tractions by their resultants and first moments alone,
     P = ∫ p dx,  Q = ∫ q dx,  ∫ x p dx,  ∫ x q dx,
 
 each times a regular stress found once for a block by finite elements and kept as a power series
-(see `stress.half_plane.regular`): a state then costs four multiples of it. What is left out is of
+(see `stress.half_plane`): a state then costs four multiples of it. What is left out is of
 the order (half-width/clearance)² of the correction. The contact itself is solved as a half-plane's:
 the correction bends the surface by its bending stress over Young's modulus, in the paper's block
 by 1e-4 of the cylinder's curvature.
 """
 
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -42,29 +41,19 @@ _WIDEST = 0.1
 """Largest half-width over the clearance: what is left out is below its square, 1 %."""
 
 
-@dataclass(frozen=True)
-class BlockSeries:
-    """A block's corrections: `unit`, for each of FORCES.
-
-    `misfit`, root mean square of the finite elements' stress less the series', over that stress.
-    """
-
-    unit: tuple[RegularStress, ...]
-    misfit: float
-
-
 class BlockModel(HalfPlane):
     """A half-plane with sides and a support."""
 
-    def side_stress(
-        self, scene: Scene, surface: SurfaceState, pixels: PixelGrid
-    ) -> RegularStress | None:
-        """What the block's sides and support add in one state.
-
-        InputError: no scikit-fem, a pixel too far off. PhysicsError: a contact too wide for the
-        block.
-        """
-        sides = block_sides(scene)
+    def side_stress(self, scene: Scene, surface: SurfaceState, pixels: PixelGrid) -> RegularStress:
+        """What sides and support add; InputError: a pixel too far; PhysicsError: too wide."""
+        specimen = scene.specimen
+        assert specimen.width_mm is not None and specimen.height_mm is not None
+        assert specimen.poisson is not None
+        left_mm = -0.5 * specimen.width_mm if specimen.left_mm is None else specimen.left_mm
+        sides = Sides(
+            left_mm, left_mm + specimen.width_mm, specimen.height_mm, specimen.poisson,
+            specimen.support == "sliding",
+        )  # fmt: skip
         # no more of the block is shown than its corrections hold for
         x1, x2, z1, z2 = map(abs, pixels.window)
         far = float(np.hypot(max(x1, x2), max(z1, z2)))
@@ -79,36 +68,23 @@ class BlockModel(HalfPlane):
         x, dx = surface.grid.x_mm, surface.grid.spacing_mm
         p, q = surface.pressure_mpa, surface.shear_mpa
         moments = (p.sum(), q.sum(), x @ p, x @ q)
-        unit = block_series(sides).unit
-        parts = (s.times(dx * float(m)) for s, m in zip(unit, moments, strict=True))
+        units = block_series(sides)
+        parts = (s.times(dx * float(m)) for s, m in zip(units, moments, strict=True))
         return sum(parts, NO_STRESS)
 
 
 MODEL = BlockModel()
 
 
-def block_sides(scene: Scene) -> Sides:
-    """The block of a scene."""
-    specimen = scene.specimen
-    assert specimen.width_mm is not None and specimen.height_mm is not None
-    assert specimen.poisson is not None
-    left_mm = -0.5 * specimen.width_mm if specimen.left_mm is None else specimen.left_mm
-    right_mm, sliding = left_mm + specimen.width_mm, specimen.support == "sliding"
-    return Sides(left_mm, right_mm, specimen.height_mm, specimen.poisson, sliding)
-
-
 @lru_cache(maxsize=8)
-def block_series(sides: Sides) -> BlockSeries:
-    """A block's corrections to a half-plane's stress, made once; InputError without scikit-fem."""
+def block_series(sides: Sides) -> tuple[RegularStress, ...]:
+    """Corrections to a half-plane's stress under each of FORCES; InputError without scikit-fem."""
     reach = REACH * sides.clearance
-    sampled = corrections(sides, FORCES, within_mm=reach)
-    fitted = [_fitted(sample, reach) for sample in sampled]
-    unit, misfits = zip(*fitted, strict=True)
-    return BlockSeries(unit, max(misfits))
+    return tuple(_fitted(s, reach) for s in corrections(sides, FORCES, within_mm=reach))
 
 
-def _fitted(sample: Sampled, reach: float) -> tuple[RegularStress, float]:
-    """The power series of least squares over the Gauss points, and its relative misfit."""
+def _fitted(sample: Sampled, reach: float) -> RegularStress:
+    """The power series of least squares over the Gauss points."""
     x, z, weight = sample.x / reach, sample.z / reach, np.sqrt(sample.area)
 
     def weighted(difference: np.ndarray, trace: np.ndarray) -> np.ndarray:
@@ -119,6 +95,6 @@ def _fitted(sample: Sampled, reach: float) -> tuple[RegularStress, float]:
     stress = sample.stress
     wanted = weighted(stress.difference, stress.sigma_x + stress.sigma_z)
     coefficients = np.linalg.lstsq(matrix, wanted, rcond=None)[0]
-    total = sum((m.times(c) for m, c in zip(modes, coefficients, strict=True)), NO_STRESS)
-    scaled = RegularStress(tuple(complex(s / reach**n) for n, s in enumerate(total.series)))
-    return scaled, float(np.linalg.norm(matrix @ coefficients - wanted) / np.linalg.norm(wanted))
+    # the modes are Re s_0, and then the real and the imaginary part of each s_n
+    series = np.r_[coefficients[0], coefficients[1::2] + 1j * coefficients[2::2]]
+    return RegularStress(tuple((series / reach ** np.arange(_DEGREE + 1)).tolist()))

@@ -14,12 +14,12 @@ from isochrome.stress import (
     ShearPeak,
     StressComponents,
     StressDifference,
-    components_on_grid,
     field_dtype,
     largest_shear,
     make_field_grid,
     seen_by,
     stress_difference,
+    stress_trace,
 )
 
 _SPLINE_PX = 2.0
@@ -30,17 +30,15 @@ class HalfPlane(SpecimenModel):
     """A half-plane: its stress is that of the contact's tractions, and of a bulk stress."""
 
     def components(self, scene: Scene, surface: Acting, pixels: PixelGrid) -> StressComponents:
-        """Stress components below the surface, 0 above it."""
+        """Stress components below the surface."""
         assert surface is not None
         plain = pixels.around()
-        stress = components_on_grid(
-            surface_field_grid(plain, surface.grid, scene.numerics.tolerance),
-            surface.pressure_mpa,
-            surface.shear_mpa if surface.shear_mpa.any() else None,
-            regular=self.added_stress(scene, surface, pixels),
-        )
-        parts = stress.sigma_x, stress.sigma_z, stress.tau_xz
-        return StressComponents(*(seen_by(part, plain, pixels) for part in parts))
+        grid = surface_field_grid(plain, surface.grid, scene.numerics.tolerance)
+        trace = seen_by(stress_trace(grid, surface.pressure_mpa, surface.shear_mpa), plain, pixels)
+        added = self.added_stress(scene, surface, pixels)
+        if added:
+            trace += added.trace(*pixels.places).astype(trace.dtype)
+        return StressComponents.from_invariants(self.difference(scene, surface, pixels), trace)
 
     def difference(self, scene: Scene, surface: Acting, pixels: PixelGrid) -> StressDifference:
         """The stress difference alone, which takes half the work."""
@@ -76,7 +74,7 @@ class HalfPlane(SpecimenModel):
 
     def added_stress(self, scene: Scene, surface: SurfaceState, pixels: PixelGrid) -> RegularStress:
         """The bulk stress, and what sides add."""
-        load, sides = scene.load, self.side_stress(scene, surface, pixels) or RegularStress()
+        load, sides = scene.load, self.side_stress(scene, surface, pixels)
         if load is None:
             return sides
         slope = complex(load.bulk_along_x_mpa_per_mm or 0.0, load.bulk_along_z_mpa_per_mm or 0.0)
@@ -88,9 +86,6 @@ MODEL = HalfPlane()
 
 @lru_cache(maxsize=1)
 def surface_field_grid(pixels: PixelGrid, grid: ContactGrid, tolerance: float) -> FieldGrid:
-    """The kernels from a contact's nodes to the pixels, as precise as numerics.tolerance asks.
-
-    The last ones are kept: the states of a scene share them. They take as much as ten pictures.
-    """
+    """The kernels from a contact's nodes to the pixels, ten pictures large; the last are kept."""
     left, step, kind = grid.left_mm, grid.spacing_mm, field_dtype(tolerance)
     return make_field_grid(pixels, left_mm=left, spacing_mm=step, nodes=grid.nodes, dtype=kind)

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.contact import SurfaceState
-from isochrome.scene import Scene
+from isochrome.scene import BODIES, Scene
 from isochrome.stress import (
     NO_STRESS,
     PixelGrid,
@@ -24,10 +24,7 @@ Acting = SurfaceState | None
 
 
 class SpecimenModel(ABC):
-    """A kind of specimen. A new one with a closed form has its `components`, and little else.
-
-    Its axes are the scene's: x from its middle (or the contact's), z down from its top.
-    """
+    """A kind of specimen; x from its middle (or the contact's), z down from its top."""
 
     unknowns: tuple[str, ...] = ("load.normal_n", "camera.left_mm", "camera.top_mm")
     """What a frame can tell of any such scene; what its other parts add is not here."""
@@ -66,18 +63,26 @@ class SpecimenModel(ABC):
         """Stress (MPa) in a contact's specimen besides a half-plane's by the tractions."""
         return NO_STRESS
 
-    def side_stress(
-        self, scene: Scene, surface: SurfaceState, pixels: PixelGrid
-    ) -> RegularStress | None:
-        """What the sides add to a half-plane's stress under the same contact; None: no sides."""
-        return None
+    def side_stress(self, scene: Scene, surface: SurfaceState, pixels: PixelGrid) -> RegularStress:
+        """What the sides add to a half-plane's stress under the same contact."""
+        return NO_STRESS
+
+
+def centred(scene: Scene, pixels: PixelGrid) -> tuple[Floats, Floats]:
+    """Places (mm) that the pixels look at, from the middle of a specimen that is shown whole."""
+    x, z = pixels.places
+    return x, z - 0.5 * (scene.body_height_mm or 0.0)
+
+
+def form_sizes(scene: Scene) -> dict[str, float]:
+    """What the closed form of a scene's specimen asks of it, by the names of its arguments."""
+    keys = (*BODIES[scene.specimen.shape or ""].needs, "specimen.thickness_mm")
+    # only a contact's load varies with distance
+    return {"load_n": scene.load_at(0.0)} | {k.partition(".")[2]: scene.get(k) for k in keys}
 
 
 def specimen_model(scene: Scene) -> SpecimenModel:
-    """The model of a scene's specimen; without a shape it is the half-plane of a contact.
-
-    Only that specimen's module is imported.
-    """
+    """The model of a scene's specimen, by default a contact's; only its module is imported."""
     shape = scene.specimen.shape or "contact"
     model: SpecimenModel = import_module(f"isochrome.specimens.{shape}").MODEL
     return model

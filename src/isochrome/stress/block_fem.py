@@ -24,10 +24,10 @@ from isochrome.stress.half_plane import (
 
 _GROWTH = 0.15
 """Growth of the lines' distance with that from the contact or a corner: with it and the distances
-below, the correction is 5e-5 of its largest stress off that of four times the lines."""
-_CORNER, _NEAR, _WIDEST = 1 / 80, 1 / 12, 1 / 16
-"""Distance of the lines at a corner, and the widest, over the block's size; over its clearance at
-the contact."""
+below, the correction is some 1e-4 of its largest stress off that of more lines."""
+_CORNER, _NEAR = 0.0125, 0.08
+"""Distance of the lines at a corner over the block's size, five times that at the widest; over
+its clearance at the contact."""
 
 
 class Sides(NamedTuple):
@@ -78,15 +78,31 @@ def corrections(
         lambda u, v, _: ddot(_stress(sym_grad(u), sides.poisson), sym_grad(v))
     )
     stiffness = energy.assemble(basis).tocsc()
-    held = _held(basis, sides)
-    free = np.setdiff1d(np.arange(basis.N), held)
+    # of a sliding support one place is held along x too, against drifting
+    support = basis.get_dofs(lambda x: np.isclose(x[1], sides.height))
+    across, down_there = support.nodal["u^1"], support.all("u^2")
+    held = np.r_[down_there, across[len(across) // 2]] if sides.sliding else support.all()
+    free, is_down = np.setdiff1d(np.arange(basis.N), held), np.isin(held, down_there)
+    x_held, z_held = basis.doflocs[:, held]
     solver = splu(stiffness[free][:, free], permc_spec="MMD_AT_PLUS_A")
-    near = _near(fem, mesh, within_mm)
+    x, z = mesh.p[:, mesh.facets].mean(axis=1)
+    loaded = np.isclose(x, sides.left) | np.isclose(x, sides.right)
+    if sides.sliding:
+        loaded |= np.isclose(z, sides.height)  # what acts down there meets a held place
+    on_sides = fem.FacetBasis(mesh, basis.elem, facets=np.flatnonzero(loaded), intorder=12)
+    # the Gauss points of the elements near the contact
+    at = 0.5 + np.array([-0.5, 0.5]) / np.sqrt(3)
+    rule = np.stack([g.ravel() for g in np.meshgrid(at, at)]), np.full(4, 0.25)
+    elements = np.flatnonzero(np.hypot(*mesh.p[:, mesh.t].mean(axis=1)) < within_mm)
+    near = fem.Basis(mesh, basis.elem, elements=elements, quadrature=rule)
     x, z = (np.asarray(c).ravel() for c in near.global_coordinates())
     places = []
     for force in forces:
-        u = _prescribed(basis, held, sides, force)
-        load = _side_load(fem, mesh, basis, sides, force) - stiffness @ u
+        u = np.zeros(basis.N)
+        u_x, u_z = point_force_displacement(x_held, z_held, force, sides.poisson)
+        u[held] = -np.where(is_down, u_z, u_x)
+        tractions = fem.LinearForm(lambda v, w, force=force: _minus_traction(force, v, w))
+        load = tractions.assemble(on_sides) - stiffness @ u
         u[free] = solver.solve(load[free])
         stress = _stress(sym_grad(near.interpolate(u)), sides.poisson)
         parts = (np.asarray(stress[i, j]).ravel() for i, j in ((0, 0), (1, 1), (0, 1)))
@@ -94,12 +110,20 @@ def corrections(
     return places
 
 
+def _minus_traction(force: PointForce, v: Any, w: Any) -> Any:
+    """Minus the work of the half-plane's tractions on the sides, and along a sliding support."""
+    stress = point_force_stress(w.x[0], w.x[1], force)
+    along = stress.sigma_x * w.n[0] + stress.tau_xz * w.n[1]
+    down = stress.tau_xz * w.n[0] + stress.sigma_z * w.n[1]
+    return -(along * v[0] + down * v[1])
+
+
 def _graded(smallest: dict[float, float], refine: float) -> Floats:
     """Lines whose distance is `smallest` at some places and grows from there."""
     places = np.array(list(smallest))
     fine = np.unique(np.r_[np.linspace(places.min(), places.max(), 4001), places])
     distance = np.min([s + _GROWTH * np.abs(fine - p) for p, s in smallest.items()], axis=0)
-    density = refine / np.minimum(distance, _WIDEST * np.ptp(places))
+    density = refine / np.minimum(distance, 5.0 * _CORNER * np.ptp(places))
     count = np.r_[0.0, np.cumsum(0.5 * (density[1:] + density[:-1]) * np.diff(fine))]
     steps = np.linspace(0.0, count[-1], max(4, int(np.ceil(count[-1]))) + 1)
     return np.asarray(np.interp(steps, count, fine))
@@ -110,48 +134,3 @@ def _stress(strain: Any, poisson: float) -> Any:
     from skfem.helpers import eye, trace
 
     return (strain + poisson / (1 - poisson) * eye(trace(strain), 2)) / (1 + poisson)
-
-
-def _held(basis: Any, sides: Sides) -> Any:
-    """Degrees of freedom at the support; of a sliding one also x at one place, against drifting."""
-    support = basis.get_dofs(lambda x: np.isclose(x[1], sides.height))
-    if not sides.sliding:
-        return support.all()
-    across = support.nodal["u^1"]
-    return np.r_[support.all("u^2"), across[len(across) // 2]]
-
-
-def _prescribed(basis: Any, held: Any, sides: Sides, force: PointForce) -> Floats:
-    """Minus the half-plane's displacement where the block is held, zero elsewhere (N,)."""
-    u = np.zeros(basis.N)
-    x, z = basis.doflocs[:, held]
-    along, down = point_force_displacement(x, z, force, sides.poisson)
-    is_down = np.isin(held, basis.get_dofs(lambda x: np.isclose(x[1], sides.height)).all("u^2"))
-    u[held] = -np.where(is_down, down, along)
-    return u
-
-
-def _side_load(fem: Any, mesh: Any, basis: Any, sides: Sides, force: PointForce) -> Any:
-    """Minus the half-plane's tractions on the sides, and along a sliding support."""
-
-    def minus_traction(v: Any, w: Any) -> Any:
-        stress = point_force_stress(w.x[0], w.x[1], force)
-        along = stress.sigma_x * w.n[0] + stress.tau_xz * w.n[1]
-        down = stress.tau_xz * w.n[0] + stress.sigma_z * w.n[1]
-        return -(along * v[0] + down * v[1])
-
-    x, z = mesh.p[:, mesh.facets].mean(axis=1)
-    loaded = np.isclose(x, sides.left) | np.isclose(x, sides.right)
-    if sides.sliding:
-        loaded |= np.isclose(z, sides.height)  # what acts down there meets a held place
-    on_sides = fem.FacetBasis(mesh, basis.elem, facets=np.flatnonzero(loaded), intorder=12)
-    return fem.LinearForm(minus_traction).assemble(on_sides)
-
-
-def _near(fem: Any, mesh: Any, within_mm: float) -> Any:
-    """The basis at the Gauss points of the elements near the contact."""
-    at = 0.5 + np.array([-0.5, 0.5]) / np.sqrt(3)
-    points = np.stack([g.ravel() for g in np.meshgrid(at, at)])
-    elements = np.flatnonzero(np.hypot(*mesh.p[:, mesh.t].mean(axis=1)) < within_mm)
-    element, rule = fem.ElementVector(fem.ElementQuad2()), (points, np.full(4, 0.25))
-    return fem.Basis(mesh, element, elements=elements, quadrature=rule)

@@ -1,6 +1,4 @@
-"""What a stress field is, and a field made on a plain grid at the places that pixels look at.
-
-The pixel grid on which a field is wanted, and where its pixels look through a lens.
+"""The pixel grid, where its pixels look through a lens, and a plain grid's field at those places.
 
 A point at (x, z) from the picture's middle is seen where three steps put it: the roll φ, counter-
 clockwise; the keystone, (u, v) = (x, z) / (1 - k_x x / X - k_z z / Z); the distortion, (u', v') =
@@ -67,8 +65,8 @@ MAX_PIXELS = 100_000_000
 
 _STEP = 16
 """Pixels by which the grid around a picture grows."""
-_ROOM = 4
-"""Pixels that it has beyond what is looked at: a spline's ends are felt no farther."""
+_REACH = 6
+"""Pixels beyond what is looked at, and above the surface: a cubic spline feels no more of them."""
 
 MAX_REACH_MM = 1e6
 """A kilometre: no picture of a specimen, and its pixels' places are still told to a nanometre."""
@@ -76,10 +74,7 @@ MAX_REACH_MM = 1e6
 
 @dataclass(frozen=True)
 class PixelGrid:
-    """Square pixels; their centres lie at left_mm + (col+1/2) pixel_mm, and so in z.
-
-    With a lens these are places in the picture, and a pixel looks elsewhere, see `places`.
-    """
+    """Square pixels, centres at left_mm + (col+1/2) pixel_mm, and so in z, before a lens."""
 
     rows: int
     cols: int
@@ -112,9 +107,11 @@ class PixelGrid:
         return self.left_mm, self.left_mm + wide, self.top_mm, self.top_mm + high
 
     @property
+    @lru_cache(maxsize=2)  # noqa: B019 - of few grids, which are plain numbers
     def places(self) -> tuple[Floats, Floats]:
         """x and z (mm) that the pixels look at, of shapes that broadcast to (rows, cols)."""
-        return (self.x_mm[None, :], self.z_mm[:, None]) if self.lens is None else _looked_at(self)
+        x, z = self.x_mm[None, :], self.z_mm[:, None]
+        return (x, z) if self.lens is None else self.through_lens(x, z)
 
     def place(self, row: float, col: float) -> tuple[float, float]:
         """x and z (mm) that a point of the picture (px) looks at, also beyond its edges."""
@@ -132,18 +129,17 @@ class PixelGrid:
         return x + middle[0], z + middle[1]
 
     def around(self, parts: int = 1) -> PixelGrid:
-        """A plain grid of the same pixels around all places that are looked at: itself, or more.
+        """A plain grid around all that is looked at, a pixel in `parts`; itself without a lens.
 
-        `parts`, into how many a pixel's side is divided. A row of it lies half a pixel below the
-        surface, and it grows by steps, so that a lens that changes little is served by the same.
+        A row lies half a pixel below the surface; it grows by steps, to serve lenses that change.
         """
         if self.lens is None:
             return self
         pixel_mm = self.pixel_mm / parts
         (x, z), unit = self.places, _STEP * pixel_mm
         reach = np.array([[x.min(), x.max()], [z.min(), z.max()]]) / unit
-        low = unit * np.floor(reach[:, 0] - _ROOM / _STEP)
-        size = np.ceil(reach[:, 1] + _ROOM / _STEP) * unit - low
+        low = unit * np.floor(reach[:, 0] - _REACH / _STEP)
+        size = np.ceil(reach[:, 1] + _REACH / _STEP) * unit - low
         cols, rows = np.rint(size / pixel_mm).astype(int).tolist()
         return PixelGrid(rows, cols, float(low[0]), float(low[1]), pixel_mm)
 
@@ -160,18 +156,11 @@ class PixelGrid:
         )  # fmt: skip
 
 
-@lru_cache(maxsize=2)
-def _looked_at(pixels: PixelGrid) -> tuple[Floats, Floats]:
-    """The places of a grid with a lens; the last ones are kept."""
-    return pixels.through_lens(pixels.x_mm[None, :], pixels.z_mm[:, None])
-
-
 def pixel_grid(scene: Scene, shape: tuple[int, int] | None = None) -> PixelGrid:
     """The pixel grid of a scene's camera; `shape` is its (rows, cols) where the camera has none.
 
-    The place defaults to the contact (or disc, ring, beam) in the middle of the width, the surface
-    at the top (a disc, ring or beam in the middle of the height). InputError where a key is
-    missing, or the picture too large.
+    The contact or specimen is by default in the middle of the width, the surface at the top, a
+    body in the middle of the height. InputError: a key is missing, or the picture too large.
     """
     camera = scene.camera
     if camera is None:
@@ -230,15 +219,9 @@ def principal_direction(difference: StressDifference) -> Floats:
 
 N = TypeVar("N", bound=np.inexact)
 
-_ABOVE = 6
-"""Rows above the surface that a field is continued over: a spline feels no more of them."""
-
 
 def seen_by(field: NDArray[N], grid: PixelGrid, pixels: PixelGrid) -> NDArray[N]:
-    """Interpolate a field (rows, cols) where pixels look, by cubic splines; 0 above the surface.
-
-    Without a lens the field is returned as it is.
-    """
+    """Interpolate a field (rows, cols) where pixels look, by cubic splines; 0 above the surface."""
     from scipy.ndimage import map_coordinates
 
     if pixels.lens is None:
@@ -249,10 +232,7 @@ def seen_by(field: NDArray[N], grid: PixelGrid, pixels: PixelGrid) -> NDArray[N]
 
 
 def seen_nearly(field: NDArray[Any], grid: PixelGrid, pixels: PixelGrid) -> NDArray[Any]:
-    """The same in single precision by straight lines, to a 32nd of a pixel.
-
-    It takes a twentieth of the time, and serves for small changes, and for a first look.
-    """
+    """The same in single precision by straight lines, to a 32nd of a pixel; 20 times faster."""
     import cv2
 
     field = field.astype(np.complex64 if np.iscomplexobj(field) else np.float32)
@@ -269,14 +249,13 @@ def seen_nearly(field: NDArray[Any], grid: PixelGrid, pixels: PixelGrid) -> NDAr
 def below_surface(field: NDArray[N], grid: PixelGrid) -> NDArray[N]:
     """A field (rows, cols) that goes on above the surface as f(-z) = 2 f(0) - f(z).
 
-    So it keeps its value and slope: a jump at the surface would ring in a spline. The grid's rows
-    lie half a pixel below the surface and at whole pixels from there, see `PixelGrid.around`.
+    A jump would ring in a spline. Rows lie half a pixel below the surface, see `PixelGrid.around`.
     """
     first = round(-grid.top_mm / grid.pixel_mm)
     if not 0 < first < len(field):
         return field
     field = field.copy()
-    near = field[first : first + min(_ABOVE, first, len(field) - first)]
+    near = field[first : first + min(_REACH, first, len(field) - first)]
     surface = 1.5 * near[0] - 0.5 * near[min(1, len(near) - 1)]
     field[first - len(near) : first] = (2.0 * surface - near)[::-1]
     return field

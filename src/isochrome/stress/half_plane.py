@@ -28,8 +28,6 @@ change along x, Im s_1 its change along z, pure bending. Sources: Johnson (1985)
 2.3; Muskhelishvili (1953), Some Basic Problems of the Mathematical Theory of Elasticity, sections
 32, 90 and 93; Davis (1963), Interpolation and Approximation, section 3.6; Brandt & Lubrecht (1990),
 Journal of Computational Physics 90.
-
-The largest shear stress under a window, and where it is, the surface included.
 """
 
 from __future__ import annotations
@@ -41,6 +39,7 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy.fft
+from numpy.polynomial.polynomial import polyval
 from numpy.typing import NDArray
 
 from isochrome.errors import InputError
@@ -142,11 +141,6 @@ class RowBand:
     cauchy: Complexes = field(repr=False)
     slope: Complexes = field(repr=False)
 
-    @property
-    def nbytes(self) -> int:
-        """Memory of the spectra, bytes."""
-        return self.cauchy.nbytes + self.slope.nbytes
-
 
 def make_band(
     rows: slice,
@@ -160,10 +154,9 @@ def make_band(
     deep: bool,
     dtype: np.dtype[np.complexfloating],
 ) -> RowBand:
-    """Kernel spectra of one band of rows at depths `z_mm`. Source: see the module.
+    """Kernel spectra of one band of rows at depths `z_mm`; `fold`, nodes a pixel.
 
-    `first_mm` is the first pixel's x from the first node; `fold`, nodes a pixel; `deep`, whether
-    sources move to pixel spacing.
+    `first_mm` is the first pixel's x from the first node; `deep`, sources move to pixel spacing.
     """
     step, sources, moved = spacing_mm, nodes, 1
     if deep and fold > 1:
@@ -212,10 +205,7 @@ def convolve_rows(
 
 
 def pixel_sources(values: NDArray[np.number], fold: int) -> NDArray[np.number]:
-    """Sources at pixel spacing that act, some pixels away, as the values (n,) at the nodes do.
-
-    (ceil(n/fold) + 2 m - 1,), the first m - 1 pixels before the first node; `fold`, nodes a pixel.
-    """
+    """Sources (ceil(n/fold) + 2 m - 1,) at pixel spacing that act as `values` do."""
     count = -(-len(values) // fold)
     shares = np.pad(values, (0, fold * count - len(values))).reshape(count, fold) @ _weights(fold)
     sources = np.zeros(count + 2 * HALF_TAPS - 1, dtype=shares.dtype)
@@ -253,26 +243,14 @@ class RegularStress:
     def difference(self, x_mm: Floats, z_mm: Floats) -> Complexes:
         """(sigma_x - sigma_z) + 2i tau_xz at places of shapes that broadcast (mm), MPa."""
         x, z = np.asarray(x_mm, float), np.asarray(z_mm, float)
-        even = _power_series([s.real for s in self.series], x, z)
-        slope = _power_series([n * s for n, s in enumerate(self.series)][1:], x, z)
-        return np.asarray(even - 1j * z * slope)
+        terms, zeta = np.array(self.series or (0j,)), x - 1j * z
+        slope = polyval(zeta, (np.arange(len(terms)) * terms)[1:]) if len(terms) > 1 else 0j
+        return np.asarray(polyval(zeta, terms.real) - 1j * z * slope)
 
     def trace(self, x_mm: Floats, z_mm: Floats) -> Floats:
         """sigma_x + sigma_z at places of shapes that broadcast (mm), MPa."""
-        return _power_series(self.series, np.asarray(x_mm, float), np.asarray(z_mm, float)).real
-
-
-def _power_series(terms: tuple[complex, ...] | list[complex], x: Floats, z: Floats) -> Complexes:
-    """Σ terms_n ζ^n by Horner's rule, ζ = x - i z."""
-    shape = np.broadcast_shapes(x.shape, z.shape)
-    if len(terms) < 2:
-        return np.full(shape, terms[0] if terms else 0.0, dtype=complex)
-    zeta = x - 1j * z
-    total = np.full(shape, terms[-1], dtype=complex)
-    for term in reversed(terms[:-1]):
-        total *= zeta
-        total += term
-    return total
+        zeta = np.asarray(x_mm, float) - 1j * np.asarray(z_mm, float)
+        return np.asarray(polyval(zeta, np.array(self.series or (0j,))).real)
 
 
 NO_STRESS = RegularStress()
@@ -280,10 +258,7 @@ NO_STRESS = RegularStress()
 
 
 def regular_modes(degree: int) -> tuple[RegularStress, ...]:
-    """The 2 degree + 1 real modes up to a degree n: sigma_x = x^n along the surface, and bending.
-
-    They are s_0 = 1, s_1 = 1, s_1 = i, s_2 = 1, s_2 = i, ..., each 1 MPa/mm^n.
-    """
+    """The real modes s_0 = 1, s_1 = 1, s_1 = i, s_2 = 1, ... up to a degree, each 1 MPa/mm^n."""
     modes = [RegularStress((1 + 0j,))]
     for n in range(1, degree + 1):
         modes += [RegularStress((*(0j,) * n, unit)) for unit in (1 + 0j, 1j)]
@@ -371,14 +346,8 @@ class FieldGrid:
 
     pixels: PixelGrid
     nodes: int
-    fold: int  # nodes a pixel
     dtype: np.dtype[np.complexfloating]  # complex64 or complex128
     bands: tuple[RowBand, ...]  # of the material; rows above the surface have none
-
-    @property
-    def nbytes(self) -> int:
-        """Memory of all spectra, bytes."""
-        return sum(band.nbytes for band in self.bands)
 
 
 def field_dtype(tolerance: float) -> type[np.complexfloating]:
@@ -403,10 +372,7 @@ def make_field_grid(
     nodes: int,
     dtype: type[np.complexfloating] = np.complex64,
 ) -> FieldGrid:
-    """The kernels from surface nodes to pixels; for `dtype` see `field_dtype`.
-
-    `left_mm` is the first node's place. InputError where the pixel is no whole number of spacings.
-    """
+    """Kernels from nodes, the first at `left_mm`; InputError: a pixel is not whole spacings."""
     fold = round(pixels.pixel_mm / spacing_mm)
     if fold < 1 or abs(fold * spacing_mm / pixels.pixel_mm - 1.0) > 1e-9:
         raise InputError("pixel_mm_must_whole", pixel_mm=pixels.pixel_mm, spacing_mm=spacing_mm)
@@ -430,17 +396,13 @@ def make_field_grid(
         for rows in (slice(surface, max(surface, deep)), slice(max(surface, deep), pixels.rows))
         if rows.start < rows.stop
     ]
-    return FieldGrid(pixels, nodes, fold, kind, tuple(bands))
+    return FieldGrid(pixels, nodes, kind, tuple(bands))
 
 
 def stress_difference(
     grid: FieldGrid, pressure_mpa: Floats, shear_mpa: Floats | None = None
 ) -> StressDifference:
-    """(sigma_x - sigma_z) + 2i tau_xz (rows, cols), MPa, of tractions p and q (n,) at the nodes.
-
-    Zero above the surface; InputError where they are not as many as the nodes. Source: see the
-    module.
-    """
+    """(sigma_x - sigma_z) + 2i tau_xz (rows, cols), MPa, of tractions (n,); 0 above the surface."""
     _check_nodes(grid, pressure_mpa, shear_mpa)
     field = _empty_field(grid)
     for band in grid.bands:
@@ -453,39 +415,13 @@ def stress_difference(
 
 
 def stress_trace(grid: FieldGrid, pressure_mpa: Floats, shear_mpa: Floats | None = None) -> Floats:
-    """sigma_x + sigma_z (rows, cols), MPa, of tractions p and q (n,) at the nodes.
-
-    Equation: -(2/π) Re ∫ (q - ip)/(ζ-t) dt, zero above the surface; InputError where they are not
-    as many as the nodes. Source: see the module.
-    """
+    """sigma_x + sigma_z (rows, cols), MPa, of tractions (n,) at the nodes; 0 above the surface."""
     _check_nodes(grid, pressure_mpa, shear_mpa)
     traction = -1j * pressure_mpa if shear_mpa is None else shear_mpa - 1j * pressure_mpa
     field = _empty_field(grid)
     for band in grid.bands:
         convolve_rows(band, [(band.cauchy, traction)], field[band.rows])
     return np.ascontiguousarray(field.real)
-
-
-def components_on_grid(
-    grid: FieldGrid,
-    pressure_mpa: Floats,
-    shear_mpa: Floats | None = None,
-    *,
-    regular: RegularStress = NO_STRESS,
-) -> StressComponents:
-    """All three stress components on the pixels: the principal stresses apart.
-
-    Of tractions (n,) at the nodes, and a stress besides the contact's; (rows, cols) in the grid's
-    precision, zero above the surface.
-    """
-    difference = stress_difference(grid, pressure_mpa, shear_mpa)
-    trace = stress_trace(grid, pressure_mpa, shear_mpa)
-    if regular:
-        material = slice(grid.bands[0].rows.start if grid.bands else grid.pixels.rows, None)
-        x, z = grid.pixels.x_mm[None, :], grid.pixels.z_mm[material, None]
-        difference[material] += regular.difference(x, z).astype(difference.dtype)
-        trace[material] += regular.trace(x, z).astype(trace.dtype)
-    return StressComponents.from_invariants(difference, trace)
 
 
 def _empty_field(grid: FieldGrid) -> StressDifference:
@@ -505,10 +441,9 @@ _GROWTH = 1.2
 """Ratio of neighbouring depths of the scan; at depth z nothing is finer than about z."""
 _ACROSS = 17
 """Places each way of the coarse scan that takes in the window's far corners."""
-_RIVALS, _PARTS = 6, 24
-"""Local maxima by depth, and by part of the load, that are climbed before the highest is kept."""
-_NEARLY = 0.8
-"""Share of the scan's largest value that a rival must have: the scan loses a few per cent."""
+_RIVALS = 12
+"""Local maxima of the scans that are climbed before the highest is kept: a scan loses a few per
+cent, and there is noise on a plateau, and a cusp at each node of a rough traction."""
 
 
 class Box(NamedTuple):
@@ -536,40 +471,10 @@ class Loads:
         return np.abs(field + self.regular.difference(x, z))
 
 
-def find_hills(loads: Loads, box: Box) -> tuple[Floats, Floats, Floats]:
-    """Places x, z (mm) and sizes (MPa) of the scans' highest local maxima, some ten of each.
-
-    By depth and by part of the load, so that neither the noise on a plateau nor the many cusps of a
-    rough traction at the surface crowd out another hill.
-    """
-    scans = _scans(loads, box)
-    highest = max(size.max() for _, _, size in scans)
-    boxes = []
-    for x, z, size in scans:
-        padded = np.pad(size, 1, constant_values=-1.0)
-        rows, cols = size.shape
-        around = (padded[i : i + rows, j : j + cols] for i in range(3) for j in range(3))
-        hills = np.logical_and.reduce([size >= part for part in around])
-        row, col = np.nonzero(hills & (size >= _NEARLY * highest))
-        boxes.append(np.stack([size[row, col], x[col], z[row]]))
-    size, x, z = np.concatenate(boxes, axis=1)
-    parts = np.floor(_PARTS * (x - loads.nodes[0]) / np.ptp(loads.nodes))
-    selected = np.union1d(_best_of_each(z, size)[:_RIVALS], _best_of_each(parts, size)[:_RIVALS])
-    return x[selected], z[selected], loads.size(x[selected], z[selected])
-
-
-def _best_of_each(label: Floats, size: Floats) -> NDArray[np.intp]:
-    """Indices of the largest size of each label, the largest first."""
-    order = np.argsort(-size)
-    _, first = np.unique(label[order], return_index=True)
-    return np.asarray(order[np.sort(first)])
-
-
 def _scans(loads: Loads, box: Box) -> list[tuple[Floats, Floats, Floats]]:
     """Columns, depths and sizes of a coarse scan of all the window and of fine ones at the load.
 
-    The fine ones reach a load's length beyond the load: a column at each node on graded depths,
-    and four to a spacing near the surface, where hills lie between the cusps at the nodes.
+    A column at each node on graded depths, and four to a spacing near the surface and its cusps.
     """
     x: Floats = np.linspace(box.left, box.right, _ACROSS)
     z: Floats = np.linspace(box.top, box.bottom, _ACROSS)
@@ -633,6 +538,8 @@ def largest_shear(
     its uniform nodes: beside a worn edge, where friction ends steeply, sigma_x grows with the
     logarithm of that steepness, so with a finer grid. InputError: no material, or not finite.
     """
+    from scipy.ndimage import maximum_filter
+
     left_mm, right, top, bottom = within
     if not (left_mm <= right and max(top, 0.0) <= bottom):
         raise InputError("window_from_mm_mm", left_mm=left_mm, right=right, top=top, bottom=bottom)
@@ -642,25 +549,23 @@ def largest_shear(
         if not np.isfinite(traction).all():
             raise InputError("holds_nan_infinity_give", name=name)
     loaded = np.flatnonzero((pressure_mpa != 0.0) | (shear != 0.0))
-    if not len(loaded):
-        return _without_loads(regular, box)
-    part = slice(max(loaded[0] - 1, 0), loaded[-1] + 2)  # two nodes at least
+    # two nodes at least; without a load all
+    part = slice(max(loaded[0] - 1, 0), loaded[-1] + 2) if len(loaded) else slice(None)
     spacing = float(nodes_mm[1] - nodes_mm[0])
     loads = Loads(nodes_mm[part], pressure_mpa[part], shear[part], spacing, regular)
-    x, z, size = find_hills(loads, box)
+    hills = []
+    for x, z, size in _scans(loads, box):
+        row, col = np.nonzero(size >= maximum_filter(size, 3))
+        hills.append(np.stack([size[row, col], x[col], z[row]]))
+    size, x, z = np.concatenate(hills, axis=1)
+    highest = np.argsort(-size)[:_RIVALS]
+    x, z = x[highest], z[highest]
+    size = loads.size(x, z)
     step = np.stack([np.maximum(spacing, 0.1 * z), np.maximum(0.5 * spacing, 0.2 * z)])
     x, z, size = _climb(loads, box, x, z, size, step, 0.05)
     best = slice(size.argmax(), size.argmax() + 1)
     x, z, size = _climb(loads, box, x[best], z[best], size[best], 0.05 * step[:, best], 1e-7 / 0.05)
     return ShearPeak(0.5 * float(size[0]), float(x[0]), float(z[0]))
-
-
-def _without_loads(regular: RegularStress, box: Box) -> ShearPeak:
-    """The largest shear of a regular stress alone: polynomials of low degree need no finer scan."""
-    x, z = np.linspace(box.left, box.right, 65), np.linspace(box.top, box.bottom, 65)
-    shear = 0.5 * np.abs(regular.difference(x[None, :], z[:, None]))
-    row, col = np.unravel_index(int(shear.argmax()), shear.shape)
-    return ShearPeak(float(shear[row, col]), float(x[col]), float(z[row]))
 
 
 def _climb(

@@ -18,7 +18,6 @@ Sources: Johnson (1985), Contact Mechanics, eq. 2.23, for the stress; Abramowitz
 """
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import lru_cache
 
@@ -73,10 +72,9 @@ class SeriesGrid:
 def make_series_grid(
     rows: int, cols: int, pitch_mm: float, *, nodes: int, spacing_mm: float, reach_mm: float
 ) -> SeriesGrid:
-    """A lattice of pixels, or of every few of them, over one of surface nodes, with its matrices.
+    """A lattice of pixels over one of surface nodes; quickest where `spacing_mm` divides the pitch.
 
-    It is quickest where `spacing_mm` divides the pitch. `reach_mm` is the largest distance of a
-    loaded node from a pixel.
+    `reach_mm` is the largest distance of a loaded node from a pixel.
     """
     wanted = max(_REACH * reach_mm / pitch_mm, cols, nodes * spacing_mm / pitch_mm)
     length = int(scipy.fft.next_fast_len(math.ceil(wanted)))
@@ -125,10 +123,15 @@ def series_difference(
     first = int(np.searchsorted(depth, max(least_mm, SHALLOWEST * grid.spacing_mm)))
     maps = [np.zeros((grid.rows, grid.cols), np.complex64) for _ in range(3 if slopes else 1)]
     if first < grid.rows:
-        waves = _Waves(grid, float(depth[first]), x_mm, left_mm, pressure_mpa, shear_mpa)
-        groups = list(_alike(depth, first))
+        groups, start = [], first
+        while start < grid.rows:  # neighbouring rows that are alike: to four times a depth
+            stop = int(np.searchsorted(depth, 4.0 * depth[start], side="right"))
+            groups.append(slice(start, stop))
+            start = stop
         few = [_few(depth[rows]) for rows in groups]
-        fields = waves.fields(few, len(maps))
+        fields = _repeated(
+            grid, float(depth[first]), x_mm, left_mm, pressure_mpa, shear_mpa, few, len(maps)
+        )
         z, span = np.concatenate(few), (float(depth[0]), float(depth[-1]))
         fields[0] -= _repetitions(grid, x_mm, z, span, left_mm, pressure_mpa, shear_mpa)
         stops = np.cumsum([len(places) for places in few]).tolist()
@@ -142,60 +145,47 @@ def series_difference(
     return SeriesField(maps[0], *(maps[1:] if slopes else (None, None)))
 
 
-class _Waves:
-    """The tractions' spectra, and rows of the field made of them."""
+def _repeated(
+    grid: SeriesGrid, shallowest_mm: float, x_mm: float, left_mm: float, pressure: Floats,
+    shear: Floats | None, depths: list[Floats], count: int,
+) -> Complexes:  # fmt: skip
+    """The repeated tractions' field in rows of depths that are alike; of `count` 3 its slopes.
 
-    def __init__(
-        self,
-        grid: SeriesGrid,
-        shallowest_mm: float,
-        x_mm: float,
-        left_mm: float,
-        pressure: Floats,
-        shear: Floats | None,
-    ) -> None:
-        self.grid = grid
-        n = np.arange(_count(grid, shallowest_mm))
-        kappa = (2.0 * np.pi / grid.period_mm) * n
-        hat = np.sinc(0.5 / np.pi * grid.spacing_mm * kappa) ** 2
-        phase = np.exp(1j * (kappa * (left_mm - x_mm))) * hat
-        phase *= 4.0 * grid.spacing_mm / grid.period_mm
-        loads = pressure if shear is None else pressure + 1j * shear
-        self.kappa = kappa.astype(np.float32)
-        self.slope = (kappa * phase * _transform(grid, loads, len(n))).astype(np.complex64)
-        self.cauchy: Complexes | None = None
-        if shear is not None:
-            spectrum = -1j * phase * _transform(grid, shear, len(n))
-            spectrum[0] *= 0.5
-            self.cauchy = spectrum.astype(np.complex64)
-
-    def fields(self, depths: list[Floats], count: int) -> Complexes:
-        """The repeated tractions' field in rows at depths that are alike, and of 3 its slopes."""
-        spectra = np.zeros((count, sum(map(len, depths)), self.grid.length), np.complex64)
-        start = 0
-        for depth in depths:
-            self._fill_spectra(spectra[:, start : start + len(depth)], depth)
-            start += len(depth)
-        fields = scipy.fft.fft(spectra, axis=2, overwrite_x=True)
-        return np.asarray(fields[..., : self.grid.cols])
-
-    def _fill_spectra(self, spectra: Complexes, depth: Floats) -> None:
-        """Waves that the pixels cannot tell apart are added before the transform."""
-        length = self.grid.length
-        total = min(len(self.kappa), _count(self.grid, float(depth.min())))
-        z = depth.astype(np.float32)[:, None]
+    Waves that the pixels cannot tell apart are added before the transform.
+    """
+    n, length = np.arange(_count(grid, shallowest_mm)), grid.length
+    kappa = (2.0 * np.pi / grid.period_mm) * n
+    hat = np.sinc(0.5 / np.pi * grid.spacing_mm * kappa) ** 2
+    phase = np.exp(1j * (kappa * (left_mm - x_mm))) * hat
+    phase *= 4.0 * grid.spacing_mm / grid.period_mm
+    loads = pressure if shear is None else pressure + 1j * shear
+    slopes = (kappa * phase * _transform(grid, loads, len(n))).astype(np.complex64)
+    cauchy: Complexes | None = None
+    if shear is not None:
+        cauchy = -1j * phase * _transform(grid, shear, len(n))
+        cauchy[0] *= 0.5
+        cauchy = cauchy.astype(np.complex64)
+    kappa = kappa.astype(np.float32)
+    spectra = np.zeros((count, sum(map(len, depths)), length), np.complex64)
+    row = 0
+    for depth in depths:
+        part, z = spectra[:, row : row + len(depth)], depth.astype(np.float32)[:, None]
+        row += len(depth)
+        total = min(len(kappa), _count(grid, float(depth.min())))
         for start in range(0, total, length):
             waves = slice(start, min(start + length, total))
-            count, kappa, slope = waves.stop - start, self.kappa[waves], self.slope[waves]
-            decay = np.exp(-z * kappa)
+            size, k, slope = waves.stop - start, kappa[waves], slopes[waves]
+            decay = np.exp(-z * k)
             spectrum = z * slope
-            if self.cauchy is not None:
-                spectrum += self.cauchy[waves]
+            if cauchy is not None:
+                spectrum += cauchy[waves]
             spectrum *= decay
-            spectra[0, :, :count] += spectrum
-            if len(spectra) > 1:
-                spectra[1, :, :count] += spectrum * (np.complex64(-1j) * kappa)
-                spectra[2, :, :count] += decay * slope - kappa * spectrum
+            part[0, :, :size] += spectrum
+            if count > 1:
+                part[1, :, :size] += spectrum * (np.complex64(-1j) * k)
+                part[2, :, :size] += decay * slope - k * spectrum
+    fields = scipy.fft.fft(spectra, axis=2, overwrite_x=True)
+    return np.asarray(fields[..., : grid.cols])
 
 
 def _count(grid: SeriesGrid, depth_mm: float) -> int:
@@ -218,14 +208,6 @@ def _transform(grid: SeriesGrid, values: NDArray[np.number], count: int) -> Comp
     kernel[size - len(values) + 1 :] = chirp[len(values) - 1 : 0 : -1].conj()
     wave = scipy.fft.fft(values * chirp[: len(values)], size) * scipy.fft.fft(kernel)
     return np.asarray(chirp[:count] * scipy.fft.ifft(wave)[:count])
-
-
-def _alike(depth: Floats, first: int) -> Iterator[slice]:
-    """Neighbouring rows from the `first` on that are alike: to four times the depth of its own."""
-    while first < len(depth):
-        last = int(np.searchsorted(depth, 4.0 * depth[first], side="right"))
-        yield slice(first, last)
-        first = last
 
 
 def _few(depth: Floats) -> Floats:

@@ -1,7 +1,4 @@
-"""The picture of tractions: what presses and rubs, the residual, the principal stresses apart.
-
-Tractions of every frame of a fit, and what they leave on disk.
-"""
+"""Tractions of every frame of a fit, their picture, and what they leave on disk."""
 
 from __future__ import annotations
 
@@ -54,17 +51,12 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _SHOWN = 4
-_WIDE = 1.96
 
 
 def tractions_figure(
     name: str, frames: Iterable[FrameData], scenes: tuple[Scene, ...], found: tuple[Tractions, ...]
 ) -> Figure:
-    """Tractions with their 95 % bands, residual, and both principal stresses, for four frames.
-
-    Parameters: `name` of the scene; `frames`; `scenes`, one state each, whose model is drawn
-    beside; `found`, their tractions. Returns a Figure.
-    """
+    """Tractions with 95 % bands, residual and principal stresses, beside the models of `scenes`."""
     shown = evenly_spaced(range(len(found)), _SHOWN)
     pixels = found[0].pixels
     height = 2.0 * (4.6 * min(pixels.rows / pixels.cols, 1.6) + 0.75)
@@ -96,7 +88,7 @@ def _draw_tractions(ax: Axes, one: Tractions, scene: Scene, title: str) -> None:
             surface.grid.x_mm, model, color=colour, lw=LINE_PT, ls="--", label=f"{label}, model"
         )
         for i, j in node_runs(np.ones(len(one.x_mm), bool), one.x_mm):
-            x, p, u = one.x_mm[i:j], values[i:j], _WIDE * spread[i:j]
+            x, p, u = one.x_mm[i:j], values[i:j], 1.96 * spread[i:j]  # 95 %
             ax.fill_between(x, p - u, p + u, color=colour, alpha=0.25, lw=0)
             ax.plot(x, p, color=colour, lw=BOLD_PT, label=label if i == 0 else None)
     ax.axhline(0.0, color=INK, lw=FINE_PT)
@@ -148,12 +140,7 @@ def with_tractions(
     free_top: bool,
     progress: Callable[[], None],
 ) -> Fit:
-    """A fit with the tractions of each of its frames.
-
-    Parameters: `result`; `frames`; `joint`, whose scenes are where each frame's search starts, and
-    then those `given`, before the fit; `free_top`, whether the surface's place is found too;
-    `progress`, called with each frame done. Returns a Fit.
-    """
+    """A fit with each frame's tractions, from the `joint` fit's scenes, then those `given`."""
     plain, frames.plain = frames.plain, set()  # a poor model's light is not the frame's
     outcome = []
     for i, data in enumerate(frames):
@@ -170,10 +157,7 @@ def with_tractions(
 
 
 def write_tractions(folder: Path, frames: PreparedFrames, joint: JointFit, result: Fit) -> None:
-    """Leave tractions.csv, the principal stresses and the order as TIFFs, and tractions.png.
-
-    Parameters: `folder`; `frames`; `joint`, for the model beside; `result`, with tractions.
-    """
+    """Leave tractions.csv, the principal stresses and the order as TIFFs, and tractions.png."""
     outcome = result.tractions
     nodes = [len(one.x_mm) for one in outcome]
     columns: dict[str, Any] = {"frame": np.repeat(np.arange(len(outcome)), nodes)}
@@ -203,9 +187,7 @@ def _view(name: str, stack: Sequence[Array], pixels: PixelGrid) -> dict[str, Any
 
 
 def maps(tractions: Tractions) -> list[Array]:
-    """sigma_1, sigma_2 (MPa) and the fringe order at every pixel (rows, cols), NaN above the
-    surface, float32.
-    """
+    """sigma_1, sigma_2 (MPa) and the order at every pixel (rows, cols), NaN above the surface."""
     pixels, stress = tractions.pixels, tractions.components()
     order = scene_optics(tractions.scene).order(stress.difference)
     material = (pixels.z_mm >= (0.5 - 1e-6) * pixels.pixel_mm)[:, None]

@@ -60,9 +60,9 @@ from isochrome.stress import PixelGrid, StressComponents, pixel_grid
 
 FRICTION_LIMIT = 1.0
 """Largest |q|/p that is thought of: dry contacts of solids stay well below."""
-_HATS = (4, 8, 16, 32)
-"""Hats in half of the contact's width, of one stage after the other; none is narrower than a pixel,
-and the shallowest pixels of all but the last lie twice as deep as they are wide."""
+_HATS, _STAGES = 4, 4
+"""Hats in half of the contact's width, twice as many from stage to stage; none is narrower than a
+pixel, and the shallowest pixels of all but the last stage lie twice as deep as they are wide."""
 _PIXELS = 40_000
 """Pixels that are fitted, about: blocks of them in larger frames."""
 _RIDGE = 1e-10
@@ -101,10 +101,7 @@ class Smoothness(Prior):
 
 
 class TractionModel(FarModel):
-    """A frame whose unknowns are the `keys`, and behind them hats' halves (a, b).
-
-    `nodes_mm` (n,), multiples of `spacing_mm`, which is a whole number of blocks of pixels.
-    """
+    """A frame whose unknowns are `keys`, and hats' halves (a, b), at multiples of a spacing."""
 
     def __init__(
         self,
@@ -216,10 +213,7 @@ def block_px(data: FrameData) -> int:
 
 
 def with_signs(matrix: Array, right: Array, free: int) -> Array:
-    """The c that minimises c^T M c / 2 - c^T b with all but its `free` first members >= 0.
-
-    M (m, m) is positive definite, b (m,). Source: see the module.
-    """
+    """The c that minimises c^T M c / 2 - c^T b with all but its `free` first members >= 0."""
     from scipy.linalg import cholesky, solve_triangular
     from scipy.optimize import nnls
 
@@ -271,10 +265,7 @@ class Stage:
         return cover * self.chi**2
 
     def patches(self) -> list[tuple[float, float]]:
-        """The ends (mm) of what is pressed more than noise explains, and of a little beside it.
-
-        PhysicsError where nothing is.
-        """
+        """Ends (mm) of what is pressed more than noise explains; PhysicsError: nothing is."""
         model, n, first = self.model, len(self.model.nodes_mm), len(self.model.keys)
         cover, x, beside = self.covariance(self.free), model.nodes_mm, 2.0 * model.spacing_mm
         result = []
@@ -309,26 +300,23 @@ class Stage:
 
 
 def invert(data: FrameData, scene: Scene, *, free_top: bool) -> Stage:
-    """Tractions of a frame from a scene whose contact and smooth stress are near.
-
-    PhysicsError where no light follows the fringes.
-    """
+    """Tractions of a frame from a scene near it; PhysicsError: no light follows the fringes."""
     surface, pixels = scene_states(scene)[-1].surface, pixel_grid(scene, data.shape)
     assert surface is not None
     half = 0.5 * (surface.edges_mm[1] - surface.edges_mm[0])
     block, least = block_px(data) * pixels.pixel_mm, hidden_px(scene)
     patches = [(pixels.left_mm, pixels.left_mm + pixels.cols * pixels.pixel_mm)]
-    for count in _HATS:
-        spacing = block * max(1, round(half / count / block))
+    for stage_number in range(_STAGES):
+        spacing = block * max(1, round(half / (_HATS << stage_number) / block))
         first, last = (round(end / spacing) for end in (patches[0][0], patches[-1][1]))
         nodes = spacing * np.arange(first, last + 1)
         inside = np.any([(nodes >= i) & (nodes <= j) for i, j in patches], axis=0)
         depth = min(2.0 * spacing, 0.5 * pixels.z_mm[-1]) / pixels.pixel_mm
         # from afar the surface's place is told from bending by little
-        keys = (*SMOOTH_KEYS, TOP) if free_top and count > _HATS[0] else SMOOTH_KEYS
+        keys = (*SMOOTH_KEYS, TOP) if free_top and stage_number else SMOOTH_KEYS
         model = TractionModel(
             data, scene, surface, keys, nodes[inside], spacing,
-            hidden_px=least if count == _HATS[-1] else max(least, depth),
+            hidden_px=least if stage_number == _STAGES - 1 else max(least, depth),
         )  # fmt: skip
         fit = model.settled(model.start, robust=False)
         if fit is None or not (fit.positive and is_seen(fit.gamma_fit)):
@@ -418,11 +406,9 @@ class Tractions:
 def invert_tractions(data: FrameData, *scenes: Scene, free_top: bool = False) -> Tractions:
     """Pressure and shear on the surface of a contact from one frame, without a contact model.
 
-    Parameters: `data`; `scenes`, one state each, that may be near, the first one first, such as
-    one that was fitted and what it was fitted from: it gives optics, place and smooth stress;
-    `free_top`, whether the surface's place in the picture is found too (that along x goes into the
-    tractions). Returns Tractions. Raises InputError where a scene is no contact, PhysicsError where
-    the frame shows no load.
+    `scenes`, one state each, that may be near, the first one first: it gives optics, place and
+    smooth stress; `free_top`, whether the surface's place in the picture is found too. InputError
+    where a scene is no contact, PhysicsError where the frame shows no load.
     """
     searches = []
     for scene in scenes:
@@ -435,25 +421,6 @@ def invert_tractions(data: FrameData, *scenes: Scene, free_top: bool = False) ->
     if scene.frames.stated_gamma != data.gamma:
         data = data.toned(scene.frames.stated_gamma)
     stage = invert(data, scene, free_top=free_top)
-    return _result(stage, data, search)
-
-
-def nearest_contacts(data: FrameData, scene: Scene) -> tuple[Settled, ...]:
-    """What deep fringes may have come from: the scene's contact, and a smooth stress."""
-    scene = placed(scene, data.shape)
-    scene = scene.with_values({key: scene.get(key) or 0.0 for key in SMOOTH_KEYS})
-    forces = [key for key in free_keys(scene) if key.split(".")[0] != "camera"]
-    return search_frame(data, scene, (*forces, *SMOOTH_KEYS))
-
-
-def refuse_without_contact(scene: Scene) -> None:
-    """Raise InputError where a scene has no contact on whose surface tractions could act."""
-    if scene.indenter is None:
-        raise InputError("tractions_act_surface_contact", name=scene.name)
-    refuse_bent(scene, message("inverted_tractions_leave_out"))
-
-
-def _result(stage: Stage, data: FrameData, search: tuple[Settled, ...]) -> Tractions:
     model, values = stage.model, stage.fit.values
     scene, n, m = stage.scene, len(model.nodes_mm), FRICTION_LIMIT
     pressure, shear = model.tractions(values)
@@ -476,10 +443,30 @@ def _result(stage: Stage, data: FrameData, search: tuple[Settled, ...]) -> Tract
     )  # fmt: skip
 
 
+def nearest_contacts(data: FrameData, scene: Scene) -> tuple[Settled, ...]:
+    """What deep fringes may have come from: the scene's contact, and a smooth stress."""
+    scene = placed(scene, data.shape)
+    scene = scene.with_values({key: scene.get(key) or 0.0 for key in SMOOTH_KEYS})
+    forces = [key for key in free_keys(scene) if key.split(".")[0] != "camera"]
+    return search_frame(data, scene, (*forces, *SMOOTH_KEYS))
+
+
+def refuse_without_contact(scene: Scene) -> None:
+    """Raise InputError where a scene has no contact on whose surface tractions could act."""
+    if scene.indenter is None:
+        raise InputError("tractions_act_surface_contact", name=scene.name)
+    refuse_bent(scene, message("inverted_tractions_leave_out"))
+
+
 def what_to_say(stage: Stage, search: tuple[Settled, ...], load: Measured) -> tuple[str, ...]:
     """Warnings about an inversion, from its last stage, and from the search for its start."""
-    result = []
-    worst, unsure = local_chi(stage), load.standard_uncertainty / load.value
+    result, model = [], stage.model
+    square = np.zeros(model.pixels.keep.shape, np.float32)
+    square[model.pixels.keep] = np.square(stage.fit.gamma_fit.residual)
+    keep = model.pixels.keep.astype(np.float32)
+    count, sums = (block_sums(part, _LOCAL_PX) for part in (keep, square))
+    enough = count > _FEW - 0.5
+    worst = float(np.sqrt((sums[enough] / count[enough]).max(initial=0.0)))
     if stage.chi > GOOD_CHI:
         result.append(message("chi_no_tractions_half", chi=stage.chi))
     elif worst > _LOCAL_CHI:
@@ -489,16 +476,10 @@ def what_to_say(stage: Stage, search: tuple[Settled, ...], load: Measured) -> tu
     best, *others = search
     if any(one.positive and one.chi < ALIKE_CHI * best.chi for one in others):
         result.append(message("other_resultants_explain_deep"))
+    unsure = load.standard_uncertainty / load.value
     if unsure > _UNCERTAIN:
         result.append(message("load_determined_only_more", load=100 * unsure))
-    return (*result, *_of_the_surface(stage))
-
-
-def _of_the_surface(stage: Stage) -> list[str]:
-    """What to say where the tractions touch their limits."""
-    model = stage.model
     pressure, shear = model.tractions(stage.fit.values)
-    result = []
     touching = np.abs(shear) > (1.0 - 1e-9) * FRICTION_LIMIT * pressure
     share = pressure[touching].sum() / pressure.sum()
     if share > _LIMITED:
@@ -509,14 +490,4 @@ def _of_the_surface(stage: Stage) -> list[str]:
     sides = pixel_grid(stage.scene, model.renderer.shape).x_mm[[0, -1]]
     if pressed[0] < sides[0] + reach or pressed[-1] > sides[1] - reach:
         result.append(message("pressure_reaches_picture_side"))
-    return result
-
-
-def local_chi(stage: Stage) -> float:
-    """The largest chi of a square of pixels; 0 where none has enough of them."""
-    keep = stage.model.pixels.keep
-    square = np.zeros(keep.shape, np.float32)
-    square[keep] = np.square(stage.fit.gamma_fit.residual)
-    count, sums = (block_sums(part, _LOCAL_PX) for part in (keep.astype(np.float32), square))
-    mean = sums[count > _FEW - 0.5] / count[count > _FEW - 0.5]
-    return float(np.sqrt(mean.max(initial=0.0)))
+    return tuple(result)
