@@ -20,7 +20,7 @@ from .film_reading import (
     smooth_zero,
     unloaded_state,
 )
-from .follower import LARGEST_CHANGE, FilmState, follow_frame
+from .follower import FilmState, follow_frame
 from .on_branch import BRANCH, SURE, OrderReading, make_reading, read_order, widened
 from .single_frame.background_modulation import (
     BackgroundModulation,
@@ -63,6 +63,7 @@ from .stepped_order import (
     settle,
 )
 from .unknown_light import ALIKE, STRANGE, ColourShots, OwnLight, find_light
+from .windows import LARGEST_CHANGE
 
 __all__ = [
     "ALIKE",

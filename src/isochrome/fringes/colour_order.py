@@ -34,8 +34,17 @@ from isochrome.fringes.on_branch import (
     OrderReading,
     probability,
 )
-from isochrome.fringes.unknown_light import JUMP, TABLE_ERROR, FrameExposure, find_frame_light
-from isochrome.fringes.windows import Array, Mask, beside_jumps, gaussian_sum, masked, nearest_known
+from isochrome.fringes.unknown_light import FrameExposure, find_frame_light
+from isochrome.fringes.windows import (
+    LARGEST_CHANGE,
+    LIGHT_ERROR,
+    Array,
+    Mask,
+    beside_jumps,
+    gaussian_sum,
+    masked,
+    nearest_known,
+)
 
 LEAST_CONTRAST = 0.2
 """Contrast, over that of the frame's brightest places, below which a pixel is without light."""
@@ -72,7 +81,7 @@ def colour_signal(
     lit = _lit(shown.contrast, valid)
     return ColourSignal(
         signal=np.where(lit[..., None], shown.signal, np.nan).astype(np.float32),
-        variance=(shown.variance + table.spread**2 + TABLE_ERROR**2).astype(np.float32), lit=lit,
+        variance=(shown.variance + table.spread**2 + LIGHT_ERROR**2).astype(np.float32), lit=lit,
         order_variance=shown.order_variance, blind=dark is None or bright is None,
         exposure=shown.exposure,
     )  # fmt: skip
@@ -160,7 +169,7 @@ def _base(choice: Choice, factor: int, shape: tuple[int, ...]) -> tuple[Array, M
         return np.zeros(shape), np.zeros(shape, bool), np.ones(shape)
     filled = nearest_known(choice.order, known)
     middle = ndimage.median_filter(filled, size=5, mode="nearest")
-    outliers = known & (np.abs(filled - middle) > JUMP)
+    outliers = known & (np.abs(filled - middle) > LARGEST_CHANGE)
     filled = np.where(outliers, middle, filled)
     weight = known.astype(float)
     smooth = ndimage.gaussian_filter(filled, _WINDOW_PX / factor, mode="nearest")
@@ -304,7 +313,7 @@ def read_colour(
         if core.any():
             known &= ndimage.distance_transform_edt(~core) > _UNLIT_PX + 4
     # without what is beside a jump of the order
-    known &= ~ndimage.binary_dilation(beside_jumps(value.order, JUMP), iterations=2)
+    known &= ~ndimage.binary_dilation(beside_jumps(value.order), iterations=2)
     sure = probability(uncertainty) * (1.0 - value.doubt)
     degrees = float(value.degrees[readable].sum(dtype=float))
     body = int(np.count_nonzero(shown.lit if specimen is None else specimen))
@@ -328,7 +337,7 @@ def _blocks(shown: ColourSignal, factor: int) -> tuple[Array, Array]:
     signal = _sums(np.nan_to_num(shown.signal), factor)
     variance = _sums(np.where(trusted, shown.variance, 0.0), factor)
     some = np.maximum(count, 1.0)
-    variance = np.where(count > 0.0, variance / some**2 + TABLE_ERROR**2, 1.0)
+    variance = np.where(count > 0.0, variance / some**2 + LIGHT_ERROR**2, 1.0)
     return np.where(count > 0.0, signal / some, np.nan), variance
 
 

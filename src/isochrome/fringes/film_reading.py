@@ -30,27 +30,35 @@ import numpy as np
 
 from isochrome.errors import InputError
 from isochrome.estimation import light_basis, total_degree
-from isochrome.fringes.follower import FilmState, continued, faded_fringes, follow_frame, regained
-from isochrome.fringes.on_branch import OrderReading, make_reading, read_order, widened
-from isochrome.fringes.windows import Array, Mask, block_means, nearest_known, valid_means
+from isochrome.fringes.follower import (
+    STRIDE,
+    SYSTEMATIC,
+    WINDOWS,
+    FilmState,
+    continued,
+    faded_fringes,
+    follow_frame,
+    near_crest,
+    regained,
+)
+from isochrome.fringes.on_branch import BRANCH, OrderReading, make_reading, read_order, widened
+from isochrome.fringes.windows import (
+    LIGHT_ERROR,
+    MOSTLY,
+    Array,
+    Mask,
+    block_means,
+    nearest_known,
+    valid_means,
+)
 from isochrome.optics import FringeWave
 
 _DEGREES = (2, 4)
 """Of the illumination by the brightest light, and by all crests: a lamp falls off to corners."""
-_STRIDE = 2
-_BELOW = 0.03
-"""How far a crest lies below the surface, over the light: noise, and one between two frames."""
-_ROUNDS, _FIRST, _MOSTLY = 30, 60.0, 97.0
-_NEAR = 0.08
-"""Fringes from a crest up to which a pixel tells the illumination: its order need not be exact."""
-_FEWEST = 500
-_POOLED = 40.0
-"""Pixels whose orders are found together, so that their errors are one."""
+_ROUNDS = 30
 _SQUARE, _EVEN = 8, 1.5
 """Pixels a side of the blocks by which unloaded light is judged, and how much their means may
 scatter over what noise alone makes them."""
-_SYSTEMATIC = 0.002
-"""Least standard uncertainty of the illumination, over it: bins, frames between crests."""
 NO_CREST = "no_crest_passes_over"
 
 
@@ -92,7 +100,7 @@ def smooth_zero(light: Array, valid: Mask) -> tuple[Array, bool]:
     The second is whether it is the frame itself, with its noise.
     """
     basis = light_basis(light.shape, total_degree(_DEGREES[1]))
-    thin = slice(None, None, _STRIDE)
+    thin = slice(None, None, STRIDE)
     terms = basis[:, thin, thin][:, valid[thin, thin]].astype(float)
     coefficients = np.linalg.lstsq(terms.T, light[thin, thin][valid[thin, thin]], rcond=None)[0]
     smooth = np.tensordot(coefficients.astype(np.float32), basis, 1)
@@ -116,7 +124,7 @@ class BrightestLight:
     def contrast(self, valid: Mask) -> float:
         """The range of the light over most of the valid pixels (rows, cols)."""
         reach = (self._highest - self.lowest)[valid]
-        return float(np.percentile(reach, _MOSTLY)) if reach.size else 0.0
+        return float(np.percentile(reach, MOSTLY)) if reach.size else 0.0
 
     def add(self, rise: Array) -> None:
         """Take a frame's rise over the unloaded light (rows, cols)."""
@@ -134,19 +142,19 @@ class BrightestLight:
     def surface(self, valid: Mask) -> Array:
         """The illumination that the crests lie on (rows, cols). Raises InputError without any."""
         basis = light_basis(self._top.shape, total_degree(_DEGREES[0]))
-        thin = slice(None, None, _STRIDE)
+        thin = slice(None, None, STRIDE)
         use = valid[thin, thin]
         brightest, terms = self._top[thin, thin][use], basis[:, thin, thin][:, use]
         if brightest.size < 100 or not brightest.max() > 0.0:
             raise InputError(NO_CREST)
-        weight = (brightest >= np.percentile(brightest, _FIRST)).astype(np.float32)
+        weight = (brightest >= np.median(brightest)).astype(np.float32)
         coefficients = np.zeros(len(terms))
         for _ in range(_ROUNDS):
             matrix = (terms * weight) @ terms.T + 1e-6 * weight.sum() * np.eye(len(terms))
             coefficients = np.linalg.solve(matrix.astype(float), (terms * weight) @ brightest)
             level = coefficients.astype(np.float32) @ terms
             away = (brightest - level) / np.median(level)
-            weight = np.exp(-((np.minimum(away, 0.0) / _BELOW) ** 2)).astype(np.float32)
+            weight = np.exp(-((np.minimum(away, 0.0) / SYSTEMATIC) ** 2)).astype(np.float32)
         surface = np.tensordot(coefficients.astype(np.float32), basis, 1)
         if not surface[valid].min() > 0.2 * np.median(surface[valid]):
             raise InputError(NO_CREST)
@@ -166,8 +174,8 @@ class CrestLight:
         """Take the crests of a frame, by the `rise` over the unloaded light and the
         followed order.
         """
-        thin = slice(None, None, _STRIDE)
-        use = (np.abs(np.mod(order[thin, thin], 1.0) - 0.5) < _NEAR) & known[thin, thin]
+        thin = slice(None, None, STRIDE)
+        use = near_crest(order[thin, thin]) & known[thin, thin]
         orders = order[thin, thin][use]
         signal = 0.5 - 0.5 * contrast[thin, thin][use] * np.cos(np.float32(2.0 * np.pi) * orders)
         risen = rise[thin, thin][use]
@@ -180,8 +188,13 @@ class CrestLight:
 
     @property
     def told(self) -> bool:
-        """Whether enough crests were passed."""
-        return self._count >= _FEWEST
+        """Whether as many places of crests were passed as the illumination has terms."""
+        return self._count >= self._alike * len(self._right)
+
+    @property
+    def _alike(self) -> float:
+        """Pixels gathered whose orders are found together, so that their errors are one."""
+        return float(2.0 * np.pi * (WINDOWS[-1] / STRIDE) ** 2)
 
     def illumination(self, shape: tuple[int, int]) -> tuple[Array, Array]:
         """The illumination, and its standard uncertainty over it, on pixels of any size (rows,
@@ -194,15 +207,13 @@ class CrestLight:
         square = self._square - coefficients @ (2.0 * self._right - self._matrix @ coefficients)
         variance = max(float(square) / self._count, 1e-12)
         level = np.tensordot(coefficients.astype(np.float32), basis, 1)
-        root = np.linalg.cholesky(inverse * variance * _POOLED / _STRIDE**2)
+        root = np.linalg.cholesky(inverse * variance * self._alike)
         squares = (np.tensordot(part.astype(np.float32), basis, 1) ** 2 for part in root.T)
         spread = np.sqrt(sum(squares))
         level = np.maximum(level, 1e-3)
-        return level, np.asarray(np.hypot(spread / level, _SYSTEMATIC))
+        return level, np.asarray(np.hypot(spread / level, LIGHT_ERROR))
 
 
-_AGREE = 0.2
-"""Fringes within which a key frame agrees: half of what parts two branches, less their noise."""
 _STEPS = 1e-3
 """Fringes of which a kept order is a whole number; far below what one frame says."""
 
@@ -329,7 +340,7 @@ class FilmPath:
             self.lost[-1].append(index)
             self._state = replace(new, time=old.time)
         else:
-            differ = old.known & new.known & (np.abs(old.order - new.order) > _AGREE)
+            differ = old.known & new.known & (np.abs(old.order - new.order) > BRANCH)
             if differ.any():
                 for place in self.kept:
                     if place >= self._last_key:

@@ -24,7 +24,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import erf
 
-from isochrome.fringes.windows import Array, Mask, Windows, expanded, gaussian_sum, halved, masked
+from isochrome.fringes.windows import (
+    POOLED_PX,
+    Array,
+    Mask,
+    Windows,
+    expanded,
+    gaussian_sum,
+    halved,
+    masked,
+)
 from isochrome.optics import FringeWave
 
 _STEADY_PX = 4.0
@@ -165,7 +174,6 @@ LARGEST_MISFIT = 0.1
 STEEPEST = 0.25
 """Fringes a pixel: finer than four pixels a fringe is not read, nor in colour, where beyond it
 a pixel's mixture is no longer of the second order."""
-_POOLED_PX = 3.0
 
 
 @dataclass(frozen=True)
@@ -336,7 +344,7 @@ def widened(reading: OrderReading, error: Array) -> OrderReading:
     """
     known = np.isfinite(reading.order)
     sine = np.abs(np.sin(2.0 * np.pi * np.where(known, reading.order, 0.0))) * known
-    pull = gaussian_sum(sine * error, _POOLED_PX)
-    slope = np.pi * gaussian_sum(sine * sine, _POOLED_PX)
+    pull = gaussian_sum(sine * error, POOLED_PX)
+    slope = np.pi * gaussian_sum(sine * sine, POOLED_PX)
     moved = np.minimum(pull / np.maximum(slope, 1e-9), np.sqrt(error) / np.pi)
     return less_sure(reading, moved, LARGEST_UNCERTAINTY)

@@ -34,6 +34,7 @@ from isochrome.estimation import channel_light
 from isochrome.fringes.band_light import CORRECTED, LIKELY, NUMBERS, SENSOR, band_table
 from isochrome.fringes.colour_table import STEP, ColourTable, choose_orders
 from isochrome.fringes.windows import (
+    LIGHT_ERROR,
     Array,
     Indices,
     Mask,
@@ -57,8 +58,6 @@ ALIKE = 0.02
 UNTOLD = 0.1
 """Standard uncertainty of a log brightness from which on a frame does not tell its exposure."""
 
-JUMP = 0.35
-"""A step of the order, in fringes, that no smooth field takes from one block to the next."""
 
 _DARKER = -1.0
 """Log brightness below which a frame is taken for one of low orders, not of a short exposure."""
@@ -70,10 +69,6 @@ _DARKEST = 1e-3
 _DIMMEST = 0.02
 _LEAST_CONTRAST = 0.01
 _ROWS = 3
-
-TABLE_ERROR = 0.003
-"""Of a table at best, of full light, that neighbouring orders share: what a frame without noise is
-still weighed by."""
 
 
 @dataclass(frozen=True)
@@ -349,7 +344,7 @@ ROUNDS, RELIEF_FROM, BEND_FROM = 12, 3, 7
 """Rounds at most, and those from which on the illumination's relief, and the table's bend, are
 found too."""
 
-_DOUBT, _LEAST_DOUBT = 0.15, (TABLE_ERROR, 0.03)
+_DOUBT, _LEAST_DOUBT = 0.15, (LIGHT_ERROR, 0.03)
 """How far signals are taken to be off at first, half as far in each round, and with a known table
 and a found one at last, of full light."""
 
@@ -586,7 +581,7 @@ def _log_spread(state: _State, table: ColourTable) -> float:
     (look,) = state.looks
     design, _, along = look.equations
     column = _across(design[..., _FRAMES], along)
-    shared = np.hypot(TABLE_ERROR, 0.5 * float(table.spread.max()))
+    shared = np.hypot(LIGHT_ERROR, 0.5 * float(table.spread.max()))
     information = float(np.sum(column**2)) + 1e-9
     by_table = shared * float(np.sum(np.abs(column) * look.weight)) / information
     return float((1.0 / (1.0 / information + by_table**2) + EXPOSED**-2) ** -0.5)
@@ -684,7 +679,7 @@ def _look(
     signal, noise, variance, *ends = known.shown(theta, frame, relief)
     variance = variance + doubt**2 + table.spread**2
     choice = choose_orders(signal.astype(np.float32), variance.astype(np.float32), table)
-    tears = beside_jumps(choice.order, JUMP)
+    tears = beside_jumps(choice.order)
     inside = ~tears & np.isfinite(signal).all(axis=-1) & (choice.misfit < _FARTHEST)
     inside &= table.coloured(signal, STRANGE)
     place = table.place(choice.order[inside])

@@ -11,7 +11,9 @@ Array = NDArray[Any]
 Mask = NDArray[np.bool_]
 Indices = NDArray[np.intp]
 
-_REACH = 3.0
+TURN = 2.0 * np.pi
+
+REACH = 3.0
 """Standard deviations that a window of `Windows` extends."""
 _COARSE = 1.75
 """Its least width in the pixels that it is summed on."""
@@ -98,7 +100,7 @@ class Windows:
             self._halved.append(halved(self._halved[-1]))
         each = float(width_px**2 / square * block**2)  # of so many pixels each is the mean
         width = float(np.sqrt(square)) / block
-        small = gaussian_sum(self._halved[times], width, reach=_REACH, factor=each)
+        small = gaussian_sum(self._halved[times], width, reach=REACH, factor=each)
         return expanded(small, shape, 2**times)
 
 
@@ -150,11 +152,27 @@ def masked(values: Array, known: Mask, nothing: float = np.nan) -> Array:
     return result
 
 
-def beside_jumps(order: Array, largest: float) -> Mask:
-    """Pixels (rows, cols) on either side of a step of the order that is larger (fringes)."""
+LARGEST_CHANGE = 0.35
+"""Fringes from one pixel, or one frame, to the next that are followed: below half of the distance
+of 1 after which the light is the same, with a margin for what noise and fields add."""
+
+POOLED_PX = 3.0
+"""Window over which what changes slowly is pooled, standard deviation."""
+
+LIGHT_ERROR = 0.003
+"""Of light, or of a table of it, at best, of full light, that neighbours share: what a frame
+without noise is still weighed by."""
+
+MOSTLY = 97.0
+"""Per cent of the pixels that are judged together: about a force the order changes faster than it
+can be followed, and there it is lost alone."""
+
+
+def beside_jumps(order: Array) -> Mask:
+    """Pixels (rows, cols) on either side of a step that no smooth order takes."""
     steep = np.zeros(order.shape, dtype=bool)
     for axis in (0, 1):
-        jump = np.abs(np.diff(order.swapaxes(0, axis), axis=0)) > largest
+        jump = np.abs(np.diff(order.swapaxes(0, axis), axis=0)) > LARGEST_CHANGE
         here = steep.swapaxes(0, axis)
         here[1:] |= jump
         here[:-1] |= jump

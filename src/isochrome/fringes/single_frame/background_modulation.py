@@ -51,7 +51,7 @@ from isochrome.fringes.single_frame.end_search import (
     search_on,
 )
 from isochrome.fringes.single_frame.patches import binned
-from isochrome.fringes.windows import Array, Mask, gaussian
+from isochrome.fringes.windows import LIGHT_ERROR, Array, Mask, gaussian
 
 _LEAST_PIXELS = 100
 """Binned pixels that the shorter side of a frame keeps, eight patches or so: the ends vary slowly,
@@ -314,7 +314,6 @@ _LIFT = 0.1
 """Share of the bright end by which light is lifted to look for its dark lines."""
 
 _SMOOTH_PX = 3.0
-_SYSTEMATIC = 0.003
 _UNSEEN = 0.5
 """Standard uncertainty, over b, of the dark frame's factor where no trough is in the frame."""
 
@@ -447,7 +446,7 @@ def _level_at(
         return None
     middle, scatter = _middle(top[at])
     along = max(scatter, noise / width) / np.sqrt(max(np.count_nonzero(at) / width, 1.0))
-    return middle, float(np.hypot(along, _SYSTEMATIC * middle))
+    return middle, float(np.hypot(along, LIGHT_ERROR * middle))
 
 
 def _greatest_even(
