@@ -62,8 +62,8 @@ from .stepped_order import (
     read_steps,
     settle,
 )
-from .unknown_light import ALIKE, STRANGE, ColourShots, OwnLight, find_light
-from .windows import LARGEST_CHANGE
+from .unknown_light import STRANGE, ColourShots, OwnLight, find_light
+from .windows import ALIKE, LARGEST_CHANGE
 
 __all__ = [
     "ALIKE",

@@ -28,14 +28,18 @@ from scipy import ndimage
 from isochrome.errors import InputError
 from isochrome.fringes.colour_table import STEP, Choice, ColourTable, choose_orders
 from isochrome.fringes.on_branch import (
+    BRANCH,
+    LARGEST_MISFIT,
     LARGEST_UNCERTAINTY,
     STEEPEST,
     SURE,
+    WINDOW_PX,
     OrderReading,
     probability,
 )
-from isochrome.fringes.unknown_light import FrameExposure, find_frame_light
+from isochrome.fringes.unknown_light import BLOCKS, FrameExposure, find_frame_light
 from isochrome.fringes.windows import (
+    DIMMEST,
     LARGEST_CHANGE,
     LIGHT_ERROR,
     Array,
@@ -45,9 +49,6 @@ from isochrome.fringes.windows import (
     masked,
     nearest_known,
 )
-
-LEAST_CONTRAST = 0.2
-"""Contrast, over that of the frame's brightest places, below which a pixel is without light."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,13 +100,11 @@ def _lit(contrast: Array, valid: Mask) -> Mask:
         raise InputError("frame_has_no_contrast_between")
     share = (contrast / usual).sum(axis=-1) / np.count_nonzero(used)
     smooth = ndimage.gaussian_filter(share.astype(np.float32), 1.0, mode="nearest")
-    return np.asarray((smooth > LEAST_CONTRAST) & (share > 0.5 * LEAST_CONTRAST))
+    return np.asarray((smooth > DIMMEST) & (share > 0.5 * DIMMEST))
 
 
-_WINDOW_PX, _POOLINGS = 1.5, 3
-"""Window over which an order is pooled, in pixels or blocks, and how often."""
-_FLAT = 0.1
-_LARGEST_STEP = 0.1
+_POOLINGS = 3
+"""How often an order is pooled over a window, in pixels or blocks."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -141,19 +140,19 @@ def refine_colour(
     for _ in range(_POOLINGS):
         ideal, slope = _look_up(order, table)
         pull = weight * slope
-        information = gaussian_sum((pull * slope).sum(axis=-1), _WINDOW_PX)
-        step = gaussian_sum((pull * (signal - ideal)).sum(axis=-1), _WINDOW_PX) / (
-            information + _LARGEST_STEP**-2
+        information = gaussian_sum((pull * slope).sum(axis=-1), WINDOW_PX)
+        step = gaussian_sum((pull * (signal - ideal)).sum(axis=-1), WINDOW_PX) / (
+            information + BRANCH**-2
         )
-        step = np.clip(step, -_LARGEST_STEP, _LARGEST_STEP)
+        step = np.clip(step, -BRANCH, BRANCH)
         order = np.clip(order + step, -table.highest, table.highest)
     ideal, slope = _look_up(order, table)
     square = np.where(trusted, signal - ideal, 0.0) ** 2
     count = trusted.sum(axis=-1)
-    near = np.maximum(gaussian_sum(count, _WINDOW_PX), 1e-6)
+    near = np.maximum(gaussian_sum(count, WINDOW_PX), 1e-6)
     chi2 = (weight * square).sum(axis=-1)
-    residual = np.sqrt(gaussian_sum(square.sum(axis=-1), _WINDOW_PX) / near)
-    misfit = np.sqrt(gaussian_sum(chi2, _WINDOW_PX) / near)
+    residual = np.sqrt(gaussian_sum(square.sum(axis=-1), WINDOW_PX) / near)
+    misfit = np.sqrt(gaussian_sum(chi2, WINDOW_PX) / near)
     gain, taken = _kernel(factor)
     spread = gain * _spread(order, weight, slope, table) * np.maximum(misfit, 1.0)
     return ColourValue(
@@ -172,11 +171,11 @@ def _base(choice: Choice, factor: int, shape: tuple[int, ...]) -> tuple[Array, M
     outliers = known & (np.abs(filled - middle) > LARGEST_CHANGE)
     filled = np.where(outliers, middle, filled)
     weight = known.astype(float)
-    smooth = ndimage.gaussian_filter(filled, _WINDOW_PX / factor, mode="nearest")
+    smooth = ndimage.gaussian_filter(filled, WINDOW_PX / factor, mode="nearest")
     agreed = known & ~outliers
-    count = np.maximum(gaussian_sum(weight, _WINDOW_PX), 1e-6)
-    chi2 = gaussian_sum(np.where(known, choice.misfit, 0.0), _WINDOW_PX) / count
-    evidence = gaussian_sum(np.where(known, choice.margin, 0.0), _WINDOW_PX)
+    count = np.maximum(gaussian_sum(weight, WINDOW_PX), 1e-6)
+    chi2 = gaussian_sum(np.where(known, choice.misfit, 0.0), WINDOW_PX) / count
+    evidence = gaussian_sum(np.where(known, choice.margin, 0.0), WINDOW_PX)
     doubt = np.exp(-0.5 * np.clip(evidence / np.maximum(0.5 * chi2, 1.0), 0.0, 200.0))
     rows, cols = (
         np.clip((np.arange(n) + 0.5) / factor - 0.5, 0, m - 1)
@@ -206,7 +205,7 @@ def _mixture(order: Array, table: ColourTable) -> Array:
     To the second order in the gradient; at 0.25 fringe a pixel the fourth is 0.01 of full light.
     """
     steepness = sum(step**2 for step in np.gradient(order))
-    steepness = np.minimum(ndimage.gaussian_filter(steepness, _WINDOW_PX), STEEPEST**2)
+    steepness = np.minimum(ndimage.gaussian_filter(steepness, WINDOW_PX), STEEPEST**2)
     bend = table.bend.astype(np.float32)[table.place(np.abs(order))]
     return np.asarray(steepness[..., None].astype(np.float32) / 24.0 * bend)
 
@@ -215,13 +214,12 @@ def _spread(order: Array, weight: Array, slope: Array, table: ColourTable) -> Ar
     """Standard deviation of the pooled order; about N = 0, where s is even, that of N² counts."""
 
     def spread(information: Array) -> Array:
-        square = gaussian_sum(information, _WINDOW_PX / np.sqrt(2.0))
-        return np.sqrt(square) / np.maximum(gaussian_sum(information, _WINDOW_PX), 1e-9)
+        square = gaussian_sum(information, WINDOW_PX / np.sqrt(2.0))
+        return np.sqrt(square) / np.maximum(gaussian_sum(information, WINDOW_PX), 1e-9)
 
     plain = spread((weight * slope**2).sum(axis=-1))
-    bend = (table.signal[int(_FLAT / STEP)] - table.signal[0]) / _FLAT**2
-    flat = spread((weight * bend.astype(np.float32) ** 2).sum(axis=-1))
-    return np.where(np.abs(order) < _FLAT, np.minimum(plain, np.sqrt(flat)), plain)
+    flat = spread((weight * (0.5 * table.bend[0].astype(np.float32)) ** 2).sum(axis=-1))
+    return np.where(order**2 < flat, np.minimum(plain, np.sqrt(flat)), plain)
 
 
 @lru_cache
@@ -234,15 +232,12 @@ def _kernel(factor: int) -> tuple[float, float]:
     """
     f = np.linspace(0.0, 0.5, 257)[:, None]
     squared = 2.0 * np.pi**2 * (f**2 + f.T**2)
-    last = np.exp(-squared * _WINDOW_PX**2)
+    last = np.exp(-squared * WINDOW_PX**2)
     smoothing = 1.0 - last * np.sinc(factor * f) * np.sinc(factor * f.T)
     smoothing = smoothing * (1.0 - last) ** _POOLINGS
     gain = np.sqrt(np.mean((1.0 - smoothing) ** 2) / np.mean(last**2))
     return float(gain), float(1.0 - np.mean(smoothing**2))
 
-
-BINNED_FROM = 150_000
-"""Pixels of a frame from which on branches are chosen for blocks of 2 x 2 of them."""
 
 LOST = 0.04
 """Share of pixels whose colours are not the table's from which on nothing is read: frames that the
@@ -251,8 +246,6 @@ table describes leave 0.6 % at most, or 3 % where loads stand, a wrong spectrum,
 
 _LARGEST_DOUBT = 0.02
 _LARGEST_RESIDUAL = 0.05
-_LARGEST_MISFIT = 2.0
-_LEAST_CONTRAST = 0.1  # of fringes in white
 _UNLIT_PX = 6
 
 
@@ -293,18 +286,18 @@ def read_colour(
     if specimen is not None:
         trusted = trusted & specimen[..., None]
     shown = colour_signal(light, table, sigma=sigma, dark=dark, bright=bright, valid=trusted)
-    factor = 2 if trusted[..., 0].size >= BINNED_FROM else 1
+    factor = 2 if trusted[..., 0].size >= BLOCKS else 1
     choice = choose_orders(*_blocks(shown, factor), table)
     value = refine_colour(shown, choice, factor, table)
     trusted = np.isfinite(shown.signal)
     uncertainty = np.sqrt(value.uncertainty**2 + shown.order_variance)
     readable = (trusted.sum(axis=-1) >= 2) & (np.hypot(*np.gradient(value.order)) < STEEPEST)
     span = max(1.0, float(np.ptp(table.signal)))
-    described = (value.misfit < _LARGEST_MISFIT) | (value.residual < _LARGEST_RESIDUAL * span)
+    described = (value.misfit < 2.0) | (value.residual < _LARGEST_RESIDUAL * span)
     pixels = max(int(np.count_nonzero(readable)), 1)
     strange = float(np.count_nonzero(readable & ~described) / pixels)
     lost = strange >= LOST
-    highest = table.highest_of(_LEAST_CONTRAST)
+    highest = table.highest_of(LARGEST_MISFIT)
     known = readable & described & value.agreed & (value.order < highest) & (not lost)
     known &= (value.doubt < _LARGEST_DOUBT) & (uncertainty < LARGEST_UNCERTAINTY)
     # only the frame says where light is: black places might be no specimen at all

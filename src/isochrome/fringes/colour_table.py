@@ -40,7 +40,7 @@ LARGEST_ORDER = 12.0
 """Where a table ends at the latest: separate lines never lose their contrast."""
 
 _DIRECTIONS = 16
-_WIDTH = 0.02
+WIDTH = 0.02
 """Standard deviation of the Gaussian over which a measured table is pooled, fringes."""
 
 
@@ -142,7 +142,7 @@ def measured_table(signal: Array, order: Array) -> ColourTable:
     """
     known = np.isfinite(order) & np.isfinite(signal).all(axis=-1)
     n, s = order[known].astype(float), signal[known].astype(float)
-    if len(n) < 100 or n.min() > _WIDTH:
+    if len(n) < 100 or n.min() > WIDTH:
         raise InputError("colour_table_needs_pixels")
     cell = np.rint(n / STEP).astype(int)
     count = cell.max() + 1
@@ -153,9 +153,9 @@ def measured_table(signal: Array, order: Array) -> ColourTable:
     ]
     number, offsets = sums[:2]
     plain, turned = np.split(np.array(sums[2:]), 2)  # the signals, and these times the offsets
-    half = int(np.ceil(4.0 * _WIDTH / STEP))
+    half = int(np.ceil(4.0 * WIDTH / STEP))
     away = STEP * np.arange(-half, half + 1)
-    bell = np.exp(-0.5 * (away / _WIDTH) ** 2)
+    bell = np.exp(-0.5 * (away / WIDTH) ** 2)
     summed = partial(correlate1d, axis=-1, mode="constant")
     # the mirror image at N < 0 is not used: a line is unbiased at the end too
     m0 = summed(number, bell)
@@ -244,7 +244,7 @@ FARTHEST = 60.0
 """Misfit, above the best candidate's, beyond which a pixel has no further candidate."""
 
 _EVERY = 8
-_BLOCK = 1 << 14
+_BLOCK = 16_384
 
 
 @dataclass(frozen=True)

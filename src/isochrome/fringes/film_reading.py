@@ -31,7 +31,6 @@ import numpy as np
 from isochrome.errors import InputError
 from isochrome.estimation import light_basis, total_degree
 from isochrome.fringes.follower import (
-    STRIDE,
     SYSTEMATIC,
     WINDOWS,
     FilmState,
@@ -45,6 +44,7 @@ from isochrome.fringes.on_branch import BRANCH, OrderReading, make_reading, read
 from isochrome.fringes.windows import (
     LIGHT_ERROR,
     MOSTLY,
+    STRIDE,
     Array,
     Mask,
     block_means,

@@ -35,11 +35,20 @@ import cv2
 import numpy as np
 
 from isochrome.fringes.on_branch import SURE
-from isochrome.fringes.windows import LARGEST_CHANGE, MOSTLY, POOLED_PX, REACH, TURN, Array, Mask
+from isochrome.fringes.windows import (
+    FEWEST,
+    LARGEST_CHANGE,
+    MOSTLY,
+    POOLED_PX,
+    REACH,
+    STRIDE,
+    TURN,
+    Array,
+    Mask,
+)
 
 _TURN = np.float32(TURN)
 
-STRIDE = 3
 _FACTORS = 31
 """Steps of the search; the finest fringes move by a fortieth from one to the next."""
 _ROUNDS = 5
@@ -47,7 +56,6 @@ _OUTLIER = 0.3
 """Of the wave: a residual that counts half."""
 _RIDGE = 1e-3
 """How little a coefficient is let go from the search, of the pixels' information."""
-_FEWEST = 50
 _SPREAD, SYSTEMATIC = 0.01, 0.03
 """Of the prediction, fringes, and of the wave by light that is not known exactly, which no window
 averages out: a region of even order that passes a crest is not to be held up on its near side."""
@@ -68,7 +76,7 @@ def fit_order_change(
     """
     thin = slice(STRIDE // 2, None, STRIDE)
     use = known[thin, thin]
-    if np.count_nonzero(use) < _FEWEST:
+    if np.count_nonzero(use) < FEWEST:
         return None
     y, x = (np.linspace(-1.0, 1.0, n, dtype=np.float32) for n in order.shape)
     one = np.ones((1, 1), dtype=np.float32)

@@ -38,7 +38,8 @@ from isochrome.optics import FringeWave
 
 _STEADY_PX = 4.0
 """Over which an added light is taken as even, and a bump is one."""
-_WINDOWS_PX = ((5.0, 8.0), (12.0, 16.0))
+WIDE_PX = 5.0
+_WINDOWS_PX = ((WIDE_PX, 8.0), (12.0, 16.0))
 """Wider ones, for which blocks of four pixels a side are enough: over which the order follows, and
 the light is even."""
 _AROUND_PX = 20.0
@@ -75,8 +76,8 @@ def stray_variance(
         means["slope light"] += moved * means["slope"]
         means["even light"] += moved * means["slope even"]
     pairs = _Blocks(2, means)
-    of_even = pairs.shift("even", _WINDOW_PX)
-    size, open_ = pairs.told(of_even, pairs.shift("light", _WINDOW_PX), _STEADY_PX)
+    of_even = pairs.shift("even", WINDOW_PX)
+    size, open_ = pairs.told(of_even, pairs.shift("light", WINDOW_PX), _STEADY_PX)
     wider, shape = _Blocks(4, {name: halved(mean) for name, mean in means.items()}), size.shape
     for follow, steady in _WINDOWS_PX:
         bent = wider.bent("even", follow), wider.bent("light", follow)
@@ -155,19 +156,22 @@ BRANCH = 0.25
 """Half of a branch of sin², in fringes: a reading farther from the model has left its branch, and
 so much is expected of a shift before anything is known."""
 
+NOTABLE = 0.02
+"""Share of what could be read that is too small to speak of."""
+
 SURE = 0.05
 """The error, in fringes, that `confidence` is the probability to stay within."""
 
 LARGEST_UNCERTAINTY = 0.03
 """Of an order that counts as known, fringes."""
 
-_WINDOW_PX = 1.7
+WINDOW_PX = 1.7
 """Over which an order is pooled."""
-_WIDE_PX, _WIDE_MOVES = 5.0, 3
-"""Over which it is moved before, and how often at most."""
-_AT_REST = 0.002
-"""Root mean square of a move, fringes, after which wide windows move it no more: a third of what
-the noise leaves of an order."""
+_WIDE_MOVES = 3
+"""How often it is moved over the nearer of the wider windows before, at most."""
+AT_REST = 0.002
+"""Root mean square of a difference of orders, fringes, that is none: a third of what the noise
+leaves of an order."""
 
 LARGEST_MISFIT = 0.1
 """Of the light, over the contrast, where it tells an order."""
@@ -218,22 +222,22 @@ def read_order(
     smooth = _moved_by_wide_windows(on_branch)
     before, slope = on_branch.light_and_slope(smooth)
     square = slope * slope
-    information = gaussian_sum(square, _WINDOW_PX)
-    shift = smooth + _move(information, gaussian_sum(slope * before, _WINDOW_PX))
+    information = gaussian_sum(square, WINDOW_PX)
+    shift = smooth + _move(information, gaussian_sum(slope * before, WINDOW_PX))
     # what an order errs by changes little from pixel to pixel, but for how steep its own fringe is
     residual, _ = on_branch.light_and_slope(shift)
     residual *= residual
-    count = np.maximum(Windows(halved(weight), 2).sum(_WINDOW_PX), 1e-6)
-    misfit = Windows(halved(residual), 2).sum(_WINDOW_PX) / count  # squared, as its noise
+    count = np.maximum(Windows(halved(weight), 2).sum(WINDOW_PX), 1e-6)
+    misfit = Windows(halved(residual), 2).sum(WINDOW_PX) / count  # squared, as its noise
     misfit, count = (expanded(part, model.shape, 2) for part in (misfit, count))
     stray = stray_variance(before, slope, gain, shift=smooth)
-    spread = gaussian_sum(square, _WINDOW_PX / np.sqrt(2.0))
+    spread = gaussian_sum(square, WINDOW_PX / np.sqrt(2.0))
     spread /= np.maximum(information * information, 1e-24)
     uncertainty = np.sqrt(spread * np.maximum(misfit, 1.0) + stray)
     largest = np.maximum(LARGEST_MISFIT * gain, 2.0)
     known = (
         (weight > 0.0)
-        & (count > 0.5 * (2.0 * np.pi * _WINDOW_PX**2))
+        & (count > 0.5 * (2.0 * np.pi * WINDOW_PX**2))
         & (uncertainty < LARGEST_UNCERTAINTY)
         & (misfit < largest * largest)
         & (np.abs(shift) < BRANCH)
@@ -293,10 +297,10 @@ def _moved_by_wide_windows(on_branch: _OnBranch) -> Array:
         residual, slope = on_branch.light_and_slope(shift)
         residual *= slope
         slope *= slope
-        information = Windows(halved(slope), 2).sum(_WIDE_PX)
-        step = _move(information, Windows(halved(residual), 2).sum(_WIDE_PX))
+        information = Windows(halved(slope), 2).sum(WIDE_PX)
+        step = _move(information, Windows(halved(residual), 2).sum(WIDE_PX))
         shift += expanded(step, on_branch.shape, 2)
-        if float(np.vdot(step, step)) < _AT_REST**2 * step.size:
+        if float(np.vdot(step, step)) < AT_REST**2 * step.size:
             break  # the model was as near
     return shift
 

@@ -27,14 +27,13 @@ from scipy.sparse import csgraph
 from scipy.spatial import cKDTree
 
 from isochrome.errors import InputError
-from isochrome.fringes.windows import Indices, gaussian, nearest_known
+from isochrome.fringes.windows import COMPLETE, Indices, gaussian, nearest_known
 
 Floats = NDArray[np.float64]
 
 FOLLOW_SHARE = 0.5
 """A line that reached the threshold is followed down to this share of it."""
 
-_WHOLE_SHARE = 0.95  # of the smoothing window must be known pixels
 _TRUNCATE = 6.0  # in sigma: at 4 a flat image has a second derivative of 1e-4
 _RUN = 2.0  # a fringe centre is level along its run; the flank of a round fringe is not
 _REACH_PX = 1.5  # neighbours: side by side or corner to corner
@@ -93,7 +92,7 @@ def line_points(image: Floats, sigma_px: float) -> tuple[Floats, Floats, Floats,
     complete[rim:-rim, rim:-rim] = True
     on_line &= complete & known
     if not known.all():
-        on_line &= gaussian(known.astype(float), sigma_px) >= _WHOLE_SHARE
+        on_line &= gaussian(known.astype(float), sigma_px) >= COMPLETE
     rows, cols = np.indices(image.shape, dtype=float)
     strength = np.where(on_line, sigma_px**2 * bent, 0.0)
     return strength, rows + np.where(on_line, off_r, 0), cols + np.where(on_line, off_c, 0), level
@@ -261,7 +260,6 @@ _APART = 0.15
 """Fringes between a line and its half order: a crest that is no order line lies farther off."""
 
 _MOST = 0.75
-_KNOWN = 0.5
 
 
 def number_lines(lines: Sequence[Skeleton], order: ArrayLike) -> list[Skeleton]:
@@ -279,7 +277,7 @@ def _order_of(line: Skeleton, order: Floats) -> float | None:
     """The half order along a line, None where it is not known."""
     along = order[line_pixels(line.rows, line.cols, order.shape)]
     known = along[np.isfinite(along)]
-    if known.size == 0 or known.size < _KNOWN * along.size:
+    if known.size == 0 or 2 * known.size < along.size:
         return None
     level = 0.5 * np.rint(2.0 * np.median(known))
     return float(level) if (np.abs(known - level) < _APART).mean() >= _MOST else None

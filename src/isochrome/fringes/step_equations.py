@@ -31,8 +31,8 @@ from scipy.ndimage import gaussian_filter, maximum_filter
 
 from isochrome.errors import InputError
 from isochrome.estimation import POOR_CHI
-from isochrome.fringes.on_branch import LARGEST_MISFIT, LARGEST_UNCERTAINTY
-from isochrome.fringes.windows import Array, Mask, pooled
+from isochrome.fringes.on_branch import LARGEST_MISFIT, LARGEST_UNCERTAINTY, WIDE_PX, WINDOW_PX
+from isochrome.fringes.windows import COMPLETE, DIMMEST, POOLED_PX, Array, Mask, pooled
 from isochrome.optics import Chain
 
 BACKGROUND, AMPLITUDE, COSINE, CROSS, CROSS_SINE, SINE, SINE_SINE = range(7)
@@ -54,8 +54,9 @@ _SETS = (
 )
 """What is solved for, the fullest set first that the steps tell apart."""
 
-_PASSES = 4
-"""Each takes out what the one before left, but for a share of the size of the elements' errors."""
+_PASSES = 3
+"""Each takes out what the one before left, but for a share of the size of the elements' errors. So
+often, too, all is solved where the steps leave something out, with the direction of before."""
 
 _ADVICE = {
     COSINE: "cos δ (add the circular dark and bright fields: polariser_deg = 90, input_plate_deg = "
@@ -199,19 +200,11 @@ def _terms(maps: Array, design: StepDesign) -> StepTerms:
     return StepTerms(amplitude, solved[COSINE], sine, cross)
 
 
-DIRECTION_PX = 1.6
-_WIDE_PX = 6.0
 _WIDE_SPREAD = 0.2
 """What the wide window's 4θ is trusted to (rad), where the narrow one has nothing: whole orders."""
 
 _OFF = 0.007
 """Light, of the amplitude, that elements 0.2 degree off add: 0.0035 rad, twice in 2θ."""
-
-_BENT_PX = 3.0
-"""Window over which the misfit of a bent direction is pooled."""
-
-_MOST = 0.95
-"""Share of a window that must be seen for it to be beside no edge."""
 
 
 @dataclass(frozen=True)
@@ -228,7 +221,7 @@ class Direction:
     @property
     def spread(self) -> Array:
         """The same noise of 2θ if it were independent from pixel to pixel (rad)."""
-        return np.asarray(2.0 * np.minimum(self.scatter, 0.5) * np.sqrt(4.0 * np.pi) * DIRECTION_PX)
+        return np.asarray(2.0 * np.minimum(self.scatter, 0.5) * np.sqrt(4.0 * np.pi) * WINDOW_PX)
 
     def noisier(self, times: Array) -> Direction:
         """The same where the light's noise is some times what was stated (rows, cols)."""
@@ -252,7 +245,7 @@ def four_theta(terms: StepTerms, design: StepDesign, sigma: Array | float) -> tu
     size = np.maximum(np.abs(terms.sine) ** 2 - 2.0 * spread * noise, 0.0) / (4.0 * spread)
     if terms.cross is not None:
         spread = 0.5 * (design.variance(CROSS) + design.variance(CROSS_SINE))
-        lift = np.maximum(pooled(terms.amplitude, 2.0 * DIRECTION_PX) - terms.cosine, 0.0)
+        lift = np.maximum(pooled(terms.amplitude, 2.0 * WINDOW_PX) - terms.cosine, 0.0)
         along = along + terms.cross * lift / spread
         size = size + lift**2 / spread
     return along, size
@@ -263,9 +256,9 @@ def find_direction(
 ) -> Direction:
     """The continuous direction of a set of steps, up to 90° over each connected part."""
     along, size = (np.where(valid, part, 0.0) for part in four_theta(terms, design, sigma))
-    narrow, information = _centred(along, size, DIRECTION_PX)
-    wide = pooled(along, _WIDE_PX)
-    area = 4.0 * np.pi * DIRECTION_PX**2
+    narrow, information = _centred(along, size, WINDOW_PX)
+    wide = pooled(along, WIDE_PX)
+    area = 4.0 * np.pi * WINDOW_PX**2
     noise = np.square(sigma)
     wide = wide / np.maximum(np.abs(wide), 1e-30) * noise / (area * _WIDE_SPREAD**2)
     angle = np.angle(narrow + wide)
@@ -273,8 +266,8 @@ def find_direction(
     scatter = 0.25 * np.sqrt(noise / np.maximum(information * area, 1e-30))
     # elements a little off do not average out, nor does what was taken out along the direction
     off = max(_OFF, design.leak) * terms.amplitude
-    doubt = noise / (4.0 * np.pi * _WIDE_PX**2) + np.square(off)
-    bridge = 0.25 * np.sqrt(doubt / np.maximum(pooled(size, _WIDE_PX), 1e-30))
+    doubt = noise / (4.0 * np.pi * WIDE_PX**2) + np.square(off)
+    bridge = 0.25 * np.sqrt(doubt / np.maximum(pooled(size, WIDE_PX), 1e-30))
     bent = _bent(along, size, narrow, scatter, valid)
     return Direction(twice, scatter, np.hypot(scatter, bent), bridge)
 
@@ -286,14 +279,14 @@ def _bent(along: Array, size: Array, narrow: Array, scatter: Array, valid: Mask)
     itself, and noise, whose share is taken off: a sixth of the narrow window's variance. Beside an
     edge the error grows as the window's width instead.
     """
-    double = np.sqrt(2.0) * DIRECTION_PX
+    double = np.sqrt(2.0) * WINDOW_PX
     other, _ = _centred(along, size, double)
     away = 0.25 * np.angle(other * np.conj(narrow))
     share = gaussian_filter(valid.astype(np.float32), double, mode="constant")
-    away *= np.where(share > _MOST, 1.0, 1.0 / (2.0**0.5 - 1.0))
+    away *= np.where(share > COMPLETE, 1.0, 1.0 / (2.0**0.5 - 1.0))
     trust = 1.0 / np.square(scatter)
-    square = pooled(trust * np.square(away) - 1.0 / 6.0, _BENT_PX)
-    return np.asarray(np.sqrt(np.maximum(square, 0.0) / pooled(trust, _BENT_PX)))
+    square = pooled(trust * np.square(away) - 1.0 / 6.0, POOLED_PX)
+    return np.asarray(np.sqrt(np.maximum(square, 0.0) / pooled(trust, POOLED_PX)))
 
 
 def _centred(along: Array, size: Array, window_px: float) -> tuple[Array, Array]:
@@ -329,19 +322,12 @@ def unwrap(phase: Array, mask: Mask) -> Array:
     return np.where(good, np.asarray(unwrap_phase(hidden).filled(0.0)), np.nan)
 
 
-_SOLUTIONS = 3
-"""Solutions where the steps leave something out, each with the direction of the one before."""
-
-_COMPARED = 0.5
-"""Share of the window that must be seen for its misfit to tell."""
-
 _MOST_NOISE = 3.0
 """Times the noise of the whole set that a pixel may have for want of some of its frames."""
 
 _LEAST_CONTRAST = 0.7
 """Of the contrast around: a pixel's area takes that much of it at 0.45 fringe a pixel."""
 
-_DIMMEST = 0.1
 _AROUND_PX = 32
 _MISFIT_PX = 2.0
 
@@ -376,7 +362,7 @@ def measure_steps(
     if (gain > 1.0).any():
         swing, sigma = sigma * np.fmax(turn_gain, 1.0), sigma * np.fmax(gain, 1.0)
     twice = None
-    for _ in range(_SOLUTIONS if design.leaks else 1):
+    for _ in range(_PASSES if design.leaks else 1):
         terms = solve_steps(light, design, twice)
         direction = find_direction(terms, design, sigma=swing, valid=trusted)
         twice = direction.twice
@@ -447,7 +433,7 @@ def bright_enough(contrast: Array, trusted: Mask) -> Mask:
 def _lit(contrast: Array, trusted: Mask) -> Mask:
     """Where light comes through at all: the specimen, not a dark surround."""
     brightest = float(np.percentile(contrast[trusted], 90)) if trusted.any() else 0.0
-    return np.asarray(contrast > _DIMMEST * brightest)
+    return np.asarray(contrast > DIMMEST * brightest)
 
 
 def step_misfit(
@@ -480,7 +466,7 @@ def steps_agree(misfit: Array, readable: Mask) -> Mask:
     usual = float(np.sqrt(np.mean(np.square(misfit[readable])))) if readable.any() else 1.0
     if usual > POOR_CHI:
         return np.zeros(misfit.shape, dtype=bool)
-    isolated = pooled(readable, _MISFIT_PX) < _COMPARED  # too few about it to compare with
+    isolated = pooled(readable, _MISFIT_PX) < 0.5  # too few about it to compare with
     return np.asarray(isolated | (misfit <= POOR_CHI * max(usual, 1.0)))
 
 

@@ -31,10 +31,15 @@ from scipy.ndimage import gaussian_filter, gaussian_filter1d, map_coordinates
 
 from isochrome.errors import InputError
 from isochrome.estimation import channel_light
-from isochrome.fringes.band_light import CORRECTED, LIKELY, NUMBERS, SENSOR, band_table
-from isochrome.fringes.colour_table import STEP, ColourTable, choose_orders
+from isochrome.fringes.band_light import CORRECTED, FOUND_ERROR, LIKELY, NUMBERS, SENSOR, band_table
+from isochrome.fringes.colour_table import COST_OF_JUMP, STEP, WIDTH, ColourTable, choose_orders
 from isochrome.fringes.windows import (
+    ALIKE,
+    DIFFER,
+    EXPOSED,
+    FEWEST,
     LIGHT_ERROR,
+    STRIDE,
     Array,
     Indices,
     Mask,
@@ -44,16 +49,12 @@ from isochrome.fringes.windows import (
     valid_means,
 )
 
-BRIGHTNESS_OFF, EXPOSED, GAMMA_OFF, BACKGROUND_OFF, UNEVEN = 0.02, 0.5, 0.3, 0.05, 0.3
-"""Expected deviations: of the frames' log brightness, where they are exposed alike, and where not
-(`Unknowns.hold_at`); of log gamma, of the background (of full scale) and of a surface's terms
-about the frames' own envelope, over its mean."""
+LIGHT_OFF, BACKGROUND_OFF = 0.3, 0.05
+"""Expected deviations of log gamma, and of a surface's terms about the frames' own envelope, over
+its mean; and of the background (of full scale)."""
 
 UNLIKE = 0.1
 """Expected difference of two channels' surfaces, over their means."""
-
-ALIKE = 0.02
-"""Share by which frames may differ in brightness and still be of one exposure."""
 
 UNTOLD = 0.1
 """Standard uncertainty of a log brightness from which on a frame does not tell its exposure."""
@@ -65,10 +66,8 @@ _DARKER = -1.0
 _GAMMA = NUMBERS
 _FRAMES = NUMBERS + 1
 _FIXED = 1e-6
-_DARKEST = 1e-3
-_DIMMEST = 0.02
-_LEAST_CONTRAST = 0.01
-_ROWS = 3
+_DARKEST = 0.01
+"""Light, of full scale, that is as good as none."""
 
 
 @dataclass(frozen=True)
@@ -112,7 +111,7 @@ class Unknowns:
         Most cameras keep their exposure, and a few do not: each frame's log brightness b is
         expected to be 0 with the weight 1/(s² + b²), of a Cauchy distribution of the width s.
         """
-        return self.hold_of(np.hypot(BRIGHTNESS_OFF, theta[self.frames]))
+        return self.hold_of(np.hypot(ALIKE, theta[self.frames]))
 
     def hold_of(self, off: Array | float) -> Array:
         """The same where log brightness is expected to be 0 with the deviations `off`."""
@@ -165,7 +164,7 @@ class Unknowns:
         contrast = exposure * illumination * np.asarray(relief)[..., None]
         usable = shots.valid[frame] & (contrast > 0.0)
         light = np.where(usable, np.maximum(shots.raw[frame], 0.0), 0.0)
-        noise = gamma * np.maximum(light, _DIMMEST) ** (gamma - 1.0) * shots.noise[frame]
+        noise = gamma * np.maximum(light, _DARKEST) ** (gamma - 1.0) * shots.noise[frame]
         contrast = np.where(usable, contrast, 1.0)
         signal = np.where(usable, (light**gamma - background) / contrast, np.nan)
         share = np.clip(np.nan_to_num(signal), 0.0, 1.0)
@@ -269,12 +268,12 @@ def unknowns(
     shown = shown / np.exp(brightness)[:, None, None, None]
     if ends:
         low, high = np.nanpercentile(shown, (0.5, 99.5), axis=(0, 1, 2))
-        if not (high - low > _LEAST_CONTRAST).all():
+        if not (high - low > _DARKEST).all():
             fringeless = "frame_shows_no_fringes_normalise", "frames_show_no_fringes"
             raise InputError(fringeless[table is None])
     frames, numbers = len(shown), SENSOR if isinstance(light, ColourTable) else light
     parts = [numbers, np.array([np.log(gamma)]), np.zeros(frames)]
-    off = [LIKELY, np.array([_FIXED if fixed else GAMMA_OFF]), np.full(frames, np.inf)]
+    off = [LIKELY, np.array([_FIXED if fixed else LIGHT_OFF]), np.full(frames, np.inf)]
     if shots.dark is None:
         parts.append(low)
         off.append(np.full(3, BACKGROUND_OFF))
@@ -285,7 +284,7 @@ def unknowns(
         shape = np.zeros((3, len(surface)))
         shape[:, 0] = 0.9 * (high - low) / np.ptp(ideal.signal, axis=0)
         parts.append(shape.ravel())
-        off.append(np.repeat(UNEVEN * np.abs(shape[:, 0]), len(surface)))
+        off.append(np.repeat(LIGHT_OFF * np.abs(shape[:, 0]), len(surface)))
     expected = np.concatenate(parts)
     hold = np.diag(np.concatenate(off) ** -2.0)
     if shots.bright is None:  # the channels' surfaces are alike in form
@@ -315,11 +314,8 @@ def _brightness(light: Array, shots: ColourShots, gamma: float) -> tuple[Array, 
     return np.where(ratio < _DARKER, 0.0, ratio), int(np.argmax(top))
 
 
-BEND_WIDTH = 0.04
-"""Fringes over which the bend is smoothed, standard deviation."""
-
 RELIEF_WIDTH = 0.03
-"""The same of the relief, over the frame's longer side."""
+"""Window over which the relief is smoothed, over the frame's longer side."""
 
 STRANGE = 0.15
 """What a pixel's colour leaves, of full light, beyond which it is not the table's."""
@@ -327,8 +323,9 @@ STRANGE = 0.15
 _GAIN = 0.7
 _LEAST_SLOPE = 0.3
 
-BLOCKS = 300_000
-"""Blocks of pixels, of all frames of a light that is not known, that the search works on, about."""
+BLOCKS = 150_000
+"""Blocks of pixels, of all frames of a light that is not known, that the search works on, about;
+and pixels of a frame from which on its branches are chosen for blocks of 2 x 2 of them."""
 
 FRAME_BLOCKS = 2_000
 """The same of one frame in a light whose table is known."""
@@ -340,22 +337,17 @@ TRIALS = 900.0
 """Independent trials that the pixels are taken to stand for where the table is found with the rest:
 neighbours share their errors."""
 
-ROUNDS, RELIEF_FROM, BEND_FROM = 12, 3, 7
-"""Rounds at most, and those from which on the illumination's relief, and the table's bend, are
-found too."""
+ROUNDS, UNSMOOTH_FROM = 12, 5
+"""Rounds at most, and from which on the illumination's relief and the table's bend are found."""
 
-_DOUBT, _LEAST_DOUBT = 0.15, (LIGHT_ERROR, 0.03)
-"""How far signals are taken to be off at first, half as far in each round, and with a known table
-and a found one at last, of full light."""
+_LEAST_DOUBT = (LIGHT_ERROR, FOUND_ERROR)
+"""How far signals are taken to be off at last, of full light, with a known table and a found one;
+at first it is as far as colours are a table's at all, and half as far in each round."""
 
 _REST = 1e-3
 _SAMPLES = 16_000
-_FEWEST = 50
-_FARTHEST = 25.0
-_LARGEST_STEP = 0.3
-_FITS, _AS_WELL, _SURE = 4.0, 0.5, 2.0
-"""chi² of a pixel that fits; by how much less another exposure must leave, and how far off it must
-be, in its standard uncertainties, to be one."""
+_FITS, _AS_WELL = 4.0, 0.5
+"""chi² of a pixel that fits, and by how much less another exposure must leave."""
 
 _LOWEST = 0.15
 """Order below which colours of one hue say nothing of the exposure but through noise."""
@@ -530,7 +522,7 @@ def find_frame_light(
         state, _ = _search(known)
         _, covariance = state.correction(known, known.hold)
         theta, variance = state.theta, _order_variance(state, covariance, shape)
-    elif np.isfinite(known.shown(theta, 0)[0]).all(axis=-1).sum() < _FEWEST:
+    elif np.isfinite(known.shown(theta, 0)[0]).all(axis=-1).sum() < FEWEST:
         exposure, variance = FrameExposure(1.0, EXPOSED), np.full(shape, EXPOSED**2)
     else:
         state, spread = _exposed(known, table)
@@ -572,7 +564,7 @@ def _exposed(known: Unknowns, table: ColourTable) -> tuple[_State, float]:
         spread = max(spread, _log_spread(alike, table))
     if np.nanpercentile(alike.looks[0].order, 98.0) < _LOWEST:
         return alike, EXPOSED
-    same = abs(away) < ALIKE or (as_well and abs(away) < _SURE * spread)
+    same = abs(away) < ALIKE or (as_well and abs(away) < DIFFER * spread)
     return (alike if same else best), spread
 
 
@@ -595,7 +587,7 @@ def _search(
     Returns where that comes to rest, and the table's last change, 1 where it led away from there.
     """
     theta, least = known.start.copy(), _LEAST_DOUBT[known.table is None]
-    doubt = _DOUBT if brightness is None else least
+    doubt = STRANGE if brightness is None else least
     if brightness is not None:
         theta[known.frames] = brightness
     bend = np.zeros((int(known.highest_order / STEP) + 2, 3))  # added to the bands' table
@@ -603,7 +595,7 @@ def _search(
     before: _State | None = None
     for turn in range(rounds):
         state = _state(known, theta, bend, relief, doubt)
-        if len(state.all_of("place")) < _FEWEST and brightness is None:
+        if len(state.all_of("place")) < FEWEST and brightness is None:
             if before is None or known.table is not None:
                 unlike = "frame_colours_not_table", "colours_frames_not_recognised"
                 raise InputError(unlike[known.table is None])
@@ -612,25 +604,19 @@ def _search(
         at_rest = known.table is not None and doubt == least and np.abs(step).max() < _REST
         if turn + 1 == rounds or at_rest:
             break
-        before, theta = state, theta + np.clip(step, -_LARGEST_STEP, _LARGEST_STEP)
+        before, theta = state, theta + np.clip(step, -LIGHT_OFF, LIGHT_OFF)
         doubt = max(0.5 * doubt, least)
-        if known.table is None:
-            bend, relief = _unsmooth(state, turn, bend)
+        if known.table is None and turn >= UNSMOOTH_FROM:
+            bend, relief = _unsmooth(state, bend)
     tables = [each.table.signal for each in (before or state, state)]
     both = min(map(len, tables))
     return state, float(np.abs(tables[0][:both] - tables[1][:both]).max())
 
 
-def _unsmooth(state: _State, turn: int, bend: Array) -> tuple[Array, Array]:
+def _unsmooth(state: _State, bend: Array) -> tuple[Array, Array]:
     """The table's bend and the illumination's relief by what a round has left."""
-    relief = state.relief
-    if turn >= BEND_FROM:
-        bend = bend + added_bend(state, len(bend))
-    if turn >= RELIEF_FROM:
-        relief = relief * (
-            1.0 + added_relief(np.sum([look.relief for look in state.looks], axis=0))
-        )
-    return bend, relief
+    relief = np.sum([look.relief for look in state.looks], axis=0)
+    return bend + added_bend(state, len(bend)), state.relief * (1.0 + added_relief(relief))
 
 
 def _state(known: Unknowns, theta: Array, bend: Array, relief: Array, doubt: float) -> _State:
@@ -644,7 +630,7 @@ def _state(known: Unknowns, theta: Array, bend: Array, relief: Array, doubt: flo
 def added_bend(state: _State, length: int) -> Array:
     """What pixels add to the bend (length, 3): what they leave at each order, across the curve."""
     table, place = state.table, state.all_of("place")
-    size, width = len(table.signal), BEND_WIDTH / STEP
+    size, width = len(table.signal), WIDTH / STEP
     clipped = np.clip(state.all_of("away"), -STRANGE, STRANGE).T
     sums = [np.bincount(place, weights=w, minlength=size) for w in (np.ones(len(place)), *clipped)]
     count, *total = gaussian_filter1d(np.array(sums), width, axis=1, mode="constant")
@@ -680,7 +666,7 @@ def _look(
     variance = variance + doubt**2 + table.spread**2
     choice = choose_orders(signal.astype(np.float32), variance.astype(np.float32), table)
     tears = beside_jumps(choice.order)
-    inside = ~tears & np.isfinite(signal).all(axis=-1) & (choice.misfit < _FARTHEST)
+    inside = ~tears & np.isfinite(signal).all(axis=-1) & (choice.misfit < COST_OF_JUMP)
     inside &= table.coloured(signal, STRANGE)
     place = table.place(choice.order[inside])
     ideal, slope = table.signal[place], table.slope[place]
@@ -703,7 +689,7 @@ def _look(
     relief_sums[0][inside] = np.sum(np.clip(away, -STRANGE, STRANGE) * across, axis=1)
     relief_sums[1][inside] = np.sum(across**2, axis=1)
     complete = np.isfinite(signal).all(axis=-1) & readable
-    misfit = np.minimum(choice.misfit[complete], _FARTHEST)
+    misfit = np.minimum(choice.misfit[complete], COST_OF_JUMP)
     # of the two equations a block: else a shorter exposure, with more noise, would fit better
     by_noise = 2.0 * float(np.log(variance[complete] / noise[complete] ** 2).mean(axis=-1).sum())
     return _Look(
@@ -743,7 +729,7 @@ def _correction(
 
 def _noise(frame: Array, valid: Mask) -> Array:
     """Noise (channels,) of a no-load frame: fourth differences along every third row, by median."""
-    rows, good = frame[::_ROWS].astype(np.float32), valid[::_ROWS]
+    rows, good = frame[::STRIDE].astype(np.float32), valid[::STRIDE]
     rough = sum(
         weight * rows[:, i : rows.shape[1] - 4 + i]
         for i, weight in enumerate((1.0, -4.0, 6.0, -4.0, 1.0))

@@ -163,6 +163,19 @@ LIGHT_ERROR = 0.003
 """Of light, or of a table of it, at best, of full light, that neighbours share: what a frame
 without noise is still weighed by."""
 
+DIMMEST = 0.1
+"""Contrast, over that of the brightest places, below which a pixel is without light."""
+
+ALIKE, EXPOSED, DIFFER = 0.02, 0.5, 3.0
+"""Share by which frames may differ in brightness and still be of one exposure; the deviation of log
+brightness where nothing tells it; by how many standard uncertainties another exposure differs."""
+
+COMPLETE = 0.95
+"""Share of a window that must be seen for it to be beside no edge."""
+
+STRIDE, FEWEST = 3, 50
+"""Every so many pixels tell as much as all, and as few tell nothing."""
+
 MOSTLY = 97.0
 """Per cent of the pixels that are judged together: about a force the order changes faster than it
 can be followed, and there it is lost alone."""

@@ -39,19 +39,28 @@ from isochrome.fringes.single_frame.end_images import (
 )
 from isochrome.fringes.single_frame.end_search import (
     NOT_TOLD,
+    OVERLAP,
     TONES,
     EndProblem,
     Found,
     eliminated,
     ends_at,
     fresh_patches,
-    overlap,
     possible,
     search_all,
     search_on,
 )
 from isochrome.fringes.single_frame.patches import binned
-from isochrome.fringes.windows import LIGHT_ERROR, Array, Mask, gaussian
+from isochrome.fringes.windows import (
+    ALIKE,
+    DIFFER,
+    EXPOSED,
+    LIGHT_ERROR,
+    POOLED_PX,
+    Array,
+    Mask,
+    gaussian,
+)
 
 _LEAST_PIXELS = 100
 """Binned pixels that the shorter side of a frame keeps, eight patches or so: the ends vary slowly,
@@ -219,7 +228,7 @@ def gamma_misfit(
         covariance = np.linalg.inv(normal.matrix)
     except np.linalg.LinAlgError as error:
         raise InputError(NOT_TOLD) from error
-    uncertainty = np.sqrt(overlap(data) * covariance[-1, -1])
+    uncertainty = np.sqrt(OVERLAP * covariance[-1, -1])
     return float((covariance @ normal.slope)[-1]), float(uncertainty)
 
 
@@ -300,9 +309,8 @@ _LENGTH = 0.2
 _OFF, _SHARP = 0.6, 4.0
 """A line's distance from its pixel at most, pixels, and its curvature over that of noise."""
 
-_SCATTER, _ALIKE = 0.007, 0.02
-"""Scatter of the light along a line; share by which other light may pass it, and by which an
-exposure must differ to be another."""
+_SCATTER = 0.007
+"""Scatter of the light along a line."""
 
 _STRAIGHT = 0.2
 """Curvature of the light along a line over that across: a flat extremum of the order has both."""
@@ -312,12 +320,6 @@ _BLACKEST = 0.005
 
 _LIFT = 0.1
 """Share of the bright end by which light is lifted to look for its dark lines."""
-
-_SMOOTH_PX = 3.0
-_UNSEEN = 0.5
-"""Standard uncertainty, over b, of the dark frame's factor where no trough is in the frame."""
-
-_SURE = 3.0
 
 
 @dataclass(frozen=True)
@@ -355,9 +357,9 @@ def find_no_load_exposure(
     share = float(np.median(low[lit] / high[lit]))
     black = share < _BLACKEST
     trough = None if black else _level(light, sigma, low, lit & (low > 0.0), b * high)
-    d, by_trough = trough or (b, by_crest if black else _UNSEEN * b)
-    moved = max(abs(b - 1.0) - _SURE * by_crest, share * (abs(d - 1.0) - _SURE * by_trough))
-    if moved < _ALIKE:
+    d, by_trough = trough or (b, by_crest if black else EXPOSED * b)
+    moved = max(abs(b - 1.0) - DIFFER * by_crest, share * (abs(d - 1.0) - DIFFER * by_trough))
+    if moved < ALIKE:
         return NoLoadExposure(told=True)
     variance = np.zeros((3, 3, *dark.shape))
     sides = (dark, d, by_trough), (bright, b, by_crest)
@@ -376,8 +378,8 @@ def _has_trough(light: Array, sigma: Array, bright: Array, lit: Mask, share: flo
     lifted = _level(light + _LIFT * bright, sigma, bright, lit, bright)
     if lifted is None:
         return False
-    level, uncertainty = lifted[0] - _LIFT, 3.0 * lifted[1] + _BLACKEST
-    return -uncertainty < level < share / _UNSEEN + uncertainty
+    level, uncertainty = lifted[0] - _LIFT, DIFFER * lifted[1] + _BLACKEST
+    return -uncertainty < level < share / EXPOSED + uncertainty
 
 
 def _smooth(end: Array) -> Array:
@@ -385,8 +387,8 @@ def _smooth(end: Array) -> Array:
 
     Equation: 2 G - G * G, which changes nothing up to the third derivative.
     """
-    once = ndimage.gaussian_filter(end, _SMOOTH_PX, mode="nearest")
-    return np.asarray(2.0 * once - ndimage.gaussian_filter(once, _SMOOTH_PX, mode="nearest"))
+    once = ndimage.gaussian_filter(end, POOLED_PX, mode="nearest")
+    return np.asarray(2.0 * once - ndimage.gaussian_filter(once, POOLED_PX, mode="nearest"))
 
 
 def _level(
@@ -412,7 +414,7 @@ def _level(
         level = _level_at(ratio, fringe, noise, lit, width)
         if level is None or sign * level[0] <= 0.0:
             continue
-        if brightest - level[0] < _ALIKE * abs(level[0]):
+        if brightest - level[0] < ALIKE * abs(level[0]):
             return abs(level[0]), level[1]
     return None
 

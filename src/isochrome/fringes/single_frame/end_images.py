@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from isochrome.estimation import total_degree
+from isochrome.fringes.single_frame.patches import SIDE
 from isochrome.fringes.skeleton import line_points, noise_gain
 from isochrome.fringes.windows import Array, Indices, Mask
 
@@ -125,11 +126,8 @@ _STRAY = 0.02
 """Prior deviation of the dark end's quadratics, over the contrast."""
 _SPOTS = 0.1
 """Prior deviation of spots and bars, over the contrast, where the frame asks for them."""
-_SMOOTH_PX = 8
-"""Over which the ends' uncertainty is taken as linear."""
-_NEAR, _LENGTH_PX = 0.02, 6.0
-"""A surface is asked to pass the crests within a share of the contrast, which is told anew after
-some pixels of a line."""
+_NEAR = 0.02
+"""A surface is asked to pass the crests within this share of the contrast."""
 
 
 def surface_above(
@@ -166,7 +164,8 @@ def surface_through(crests: Array, shapes: Array, spread: Array, contrast: float
 
     def weights(away: Array) -> Array:
         below = np.maximum(-away, 0.0) / near
-        return np.asarray(1.0 / (1.0 + (0.5 * below) ** 2) / (_LENGTH_PX * near**2))
+        # what a line says is told anew after two widths of it
+        return np.asarray(1.0 / (1.0 + (0.5 * below) ** 2) / (2.0 * _LINE_PX * near**2))
 
     return _reweighted(shapes[on_line], crests[on_line], spread, weights)
 
@@ -202,7 +201,7 @@ def variance_of_ends(
     """
     import cv2
 
-    by = max(1, min(_SMOOTH_PX, *(n // 4 for n in shape)))
+    by = max(1, min(SIDE, *(n // 4 for n in shape)))  # over a patch they are as good as linear
     spread, turn = np.linalg.eigh(covariance)
     root = (turn * np.sqrt(np.maximum(spread, 0.0)))[:, spread > 0.0]
     images = [smooth.images for smooth in shapes_of_ends(shape, by)]

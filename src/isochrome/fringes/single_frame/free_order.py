@@ -41,6 +41,8 @@ from scipy.ndimage import label
 
 from isochrome.fringes.on_branch import (
     LARGEST_UNCERTAINTY,
+    NOTABLE,
+    STEEPEST,
     OrderReading,
     less_sure,
     make_reading,
@@ -49,11 +51,12 @@ from isochrome.fringes.on_branch import (
 )
 from isochrome.fringes.single_frame.patches import (
     FADED,
+    FAINTEST,
     HALF,
     LEAST_FILLED,
     SIDE,
+    SMALLEST,
     STRIDE,
-    TURN,
     Labels,
     Patches,
     basis,
@@ -85,15 +88,21 @@ from isochrome.fringes.single_frame.stated_orders import (
     turned_to,
     zero_lines,
 )
-from isochrome.fringes.windows import Array, Mask, innermost, nearest_known
+from isochrome.fringes.windows import (
+    LIGHT_ERROR,
+    MOSTLY,
+    TURN,
+    Array,
+    Mask,
+    innermost,
+    nearest_known,
+)
 from isochrome.messages import message
 
 _SOME = 0.05
 """Share of the patches that have lost as much."""
-_FAINTEST, _FEWEST = 0.1, 30
-_FINEST = 0.2
-"""Fringes a bin beyond which a bin says nothing of the light's contrast."""
 _ROUNDS = 6
+"""Of the contrast's law, and readings at most with a contrast found from the last."""
 _OUTLIER = 2.0
 """Robust deviations from which a patch counts for less."""
 
@@ -124,7 +133,7 @@ def with_told(patches: Patches, by: int, wider: Array | None) -> Patches:
     if by > 1:
         slope = np.hypot(patches.terms[..., 1], patches.terms[..., 2])
         lost = Contrast(blur=(1.0 - by**-2.0) / 12.0).left(np.zeros_like(slope), slope)
-        contrast = np.where(slope < _FINEST, contrast / lost, np.nan)
+        contrast = np.where(slope < STEEPEST, contrast / lost, np.nan)
     return replace(
         patches, contrast=contrast if wider is None else np.where(contrast > 0.0, contrast, wider)
     )
@@ -143,8 +152,8 @@ def fit_contrast(patches: Patches, terms: Array) -> Contrast:
     Parameters: `patches`; `terms` (m, n, 6) of their signed order, NaN = not known. Returns the
     Contrast, of no loss where too few patches tell.
     """
-    use = np.isfinite(terms[..., 0]) & (patches.contrast > _FAINTEST)
-    if np.count_nonzero(use) < _FEWEST:
+    use = np.isfinite(terms[..., 0]) & (patches.contrast > FAINTEST)
+    if np.count_nonzero(use) < SMALLEST:
         return Contrast()
     from scipy.optimize import nnls
 
@@ -179,10 +188,6 @@ _ALONE = 0.1
 _TELLABLE = 0.2
 """Fringes between two answers that a known order tells apart: closer to a line than half of that it
 says the line, and not the side."""
-_SHARP = 0.1
-"""Share of the difference of two answers that the light may move them by where a point is asked."""
-_DOUBTFUL = 0.003
-"""Uncertainty of the signal by the ends of the light from which a line of N = 0 must be known."""
 APART = 0.5
 """Fringes between two orders from which any known order contradicts one: it may be off by .24."""
 
@@ -221,7 +226,7 @@ def _one_part(patches: Patches, part: Array, given: list[Stated], error: Array) 
     if rivals:
         return _of_rivals(patches, part, given, (best, *rivals), error)
     sure = [g for g in given if g.fits(best)]
-    doubtful = float(np.median(error[np.isfinite(part[..., 0])])) > _DOUBTFUL
+    doubtful = float(np.median(error[np.isfinite(part[..., 0])])) > LIGHT_ERROR
     if lines[best] and (doubtful or all(g.on_line for g in sure)):
         return _unknown(part, sure, f"{sure[0]}: " + message("order_would_along_line"))
     return _with_seams(patches, part, given, best, error)
@@ -309,7 +314,7 @@ def _beyond_seam(patches: Patches, terms: Array, beyond: Mask, crest: int, error
     if most < _TELLABLE:
         return message("lies_within_line_order", said=note, most=0.5 * most)
     moved = moved_by_light(np.where(beyond, order, 0.0), error)
-    lit = (apart >= _TELLABLE) & (moved < np.minimum(LARGEST_UNCERTAINTY, _SHARP * apart))
+    lit = (apart >= _TELLABLE) & (moved < LARGEST_UNCERTAINTY)
     if not lit.any():
         return message("nor_light_there_give", said=note)
     differ = np.where(lit, apart, np.nan)
@@ -356,13 +361,8 @@ _LEAST_PIXELS = 7 * SIDE // 2
 """Pixels, after binning, of the shorter side of a frame: three patches and a half without overlap.
 """
 _LEAST_COVER = 0.15
-_CONTRAST_ROUNDS, _MOSTLY = 4, 98.0
-"""Readings at most with a contrast found from the last, and per cent of the frame that must rest.
-"""
 _GROUND = 1e-3
 """Standard deviation of what a quadratic cannot follow, added to a patch's own, fringes."""
-_WORTH_SAYING = 0.01
-"""Share of what is read that another light must take away before it is said."""
 
 
 @dataclass(frozen=True)
@@ -479,14 +479,14 @@ def follow_fringes(
     patches, labels = _coarse_to_fine(wave, sigma, valid)
     contrast = patches.contrast[(patches.filled > LEAST_FILLED) & np.isfinite(patches.contrast)]
     # so much is lost that it must be reckoned with
-    faded = bool(len(contrast) >= _FEWEST and np.mean(contrast < 1.0 - FADED) > _SOME)
+    faded = bool(len(contrast) >= SMALLEST and np.mean(contrast < 1.0 - FADED) > _SOME)
 
     def followed(patches: Patches, labels: Labels, wave: Array) -> FollowedFringes:
         return FollowedFringes(faded, patches, labels, wave, valid, _at(error, patches))
 
     if faded:
         patches, labels = _coarse_to_fine(wave, sigma, valid, faded=True)
-        for _ in range(_CONTRAST_ROUNDS):
+        for _ in range(_ROUNDS):
             result = followed(patches, labels, wave / fade).anchored(known)
             if not np.isfinite(result.terms).any():
                 break
@@ -495,7 +495,7 @@ def follow_fringes(
             law = fit_contrast(unfaded, result.terms)
             fade = contrast_map(patches, result.terms, law, wave.shape)
             patches, labels = _coarse_to_fine(wave / fade, sigma / fade, valid, faded=True)
-            if np.percentile(np.abs(fade - before)[valid], _MOSTLY) < FADED:
+            if np.percentile(np.abs(fade - before)[valid], MOSTLY) < FADED:
                 break
     return followed(patches, labels, wave / fade), fade
 
@@ -615,7 +615,7 @@ def _of_what_is_lost(before: OrderReading, after: OrderReading, orders: list[Arr
     read = np.isfinite(before.order)
     lost = read & ~np.isfinite(after.order)
     share = float(lost.sum() / max(1, int(read.sum())))
-    if share < _WORTH_SAYING:
+    if share < NOTABLE:
         return []
     note = message("another_smooth_light_explains", share=100.0 * share)
     for order in orders:

@@ -36,16 +36,22 @@ from scipy.sparse.csgraph import breadth_first_order, connected_components, mini
 from isochrome.errors import InputError
 from isochrome.estimation import State, minimise_all, sandwich, solve_all, total_degree
 from isochrome.fringes.on_branch import SURE
-from isochrome.fringes.windows import Array, Indices, Mask, block_means, gaussian
+from isochrome.fringes.windows import (
+    LARGEST_CHANGE,
+    TURN,
+    Array,
+    Indices,
+    Mask,
+    block_means,
+    gaussian,
+)
 
 HALF, STRIDE = 6, 5
 """Half-width of a patch and distance of their middles, pixels."""
 SIDE = 2 * HALF + 1
-_WINDOW = 3.0
-_FREQUENCY_WINDOW = 2.5
+_WINDOW, _FREQUENCY_WINDOW = 3.0, 2.5
 _GRADIENT, _CURVATURE = 0.7, 0.02
 """Prior standard deviations, fringes/px and fringes/px²; what bends more is no quadratic."""
-STEEPEST = 0.35
 _FINE, _CLEAR = 1.0, 8.0
 """Radians a pixel from which fringes are fine, and how far they must stand above noise."""
 _ROUNDS = 8
@@ -58,10 +64,9 @@ _BALANCE = 0.3
 """Share of a patch's light on crests, and on flanks, from which it tells contrast from order."""
 _LIKE = 0.8
 """Share of a patch's light, squared, that must be its cosine."""
-FADED, _OWN_CONTRAST = 0.05, (0.15, 1.3)
-"""Contrast that is lost from which it moves the order by more than its uncertainty, and what a
-patch's own may be."""
-TURN = 2.0 * np.pi
+FADED, FAINTEST = 0.05, 0.1
+"""Contrast that is lost from which it moves the order by more than its uncertainty, and that which
+tells nothing."""
 BEND = np.array([0.004, 0.001, 4e-4])[[i + j for i, j in total_degree(2)]]
 """What two quadratics differ by half-way without noise: fringes, fringes/px, fringes/px²; and"""
 _STEEP_BEND = 0.03
@@ -190,10 +195,7 @@ def fit_patches(
     fitted = _fit_given(patches.over(scale), expected)
     fitted = replace(fitted, contrast=fitted.contrast * contrast)
     measured = fitted.contrast.ravel()
-    least, most = _OWN_CONTRAST
-    off = np.flatnonzero(
-        (np.abs(measured - scale) > FADED * scale) & (measured > least) & (measured < most)
-    )
+    off = np.flatnonzero((np.abs(measured - scale) > FADED * scale) & (measured > FAINTEST))
     if deviation and len(off):
         scale = measured[off].astype(np.float32)
         start = fitted.terms.reshape(-1, 6)[off].astype(np.float32)
@@ -249,13 +251,13 @@ def _start_gradient(wave: Array, sigma: Array, valid: Mask) -> tuple[Array, Arra
     xx, yy = (pooled(dx * dx) - noise) / speed, (pooled(dy * dy) - noise) / speed
     xy = pooled(dx * dy) / speed
     largest = 0.5 * (xx + yy) + np.hypot(0.5 * (xx - yy), xy)
-    size = np.minimum(np.sqrt(np.maximum(largest, 0.0)) / TURN, STEEPEST)
+    size = np.minimum(np.sqrt(np.maximum(largest, 0.0)) / TURN, LARGEST_CHANGE)
     # fine fringes fade in the derivative itself, but alike in the second one
     first = np.maximum((xx + yy) * speed, 1e-9)
     second = pooled(bend * bend) - 4.0 * noise
     frequency = np.sqrt(np.maximum(second, 0.0) / first)
     fine = (frequency > _FINE) & (first > _CLEAR * noise)
-    size = np.where(fine, np.minimum(frequency / TURN, STEEPEST), size)
+    size = np.where(fine, np.minimum(frequency / TURN, LARGEST_CHANGE), size)
     angle = 0.5 * np.arctan2(2.0 * xy, xx - yy)
     return size * np.cos(angle), size * np.sin(angle)
 

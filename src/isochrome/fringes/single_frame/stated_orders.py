@@ -35,7 +35,7 @@ from scipy.sparse.csgraph import breadth_first_order, connected_components, maxi
 from skimage.measure import label
 from skimage.segmentation import expand_labels
 
-from isochrome.fringes.on_branch import BRANCH, SURE
+from isochrome.fringes.on_branch import BRANCH, LARGEST_UNCERTAINTY, SURE, WINDOW_PX
 from isochrome.fringes.single_frame.patches import (
     HALF,
     SMALLEST,
@@ -57,15 +57,13 @@ _SETTLED = 0.5
 _SETTLED_ZERO = 0.95
 """The same where turning over takes a line of N = 0 away, which a loaded body hardly has: every
 edge must then speak against it."""
-_BANDS = (0.1, 0.03)
-"""Half-widths, in fringes, of what counts as near a crest. The wide one leaves a seam its way round
-patches that noise has thrown off; the narrow one sees corners that lie just beyond the crest."""
 NOUGHT, FEWEST_PATCHES = 0.1, 6
 """Fringes beyond nought, and patches, on either side of a line of N = 0."""
+_BANDS = (NOUGHT, LARGEST_UNCERTAINTY)
+"""Half-widths, in fringes, of what counts as near a crest. The wide one leaves a seam its way round
+patches that noise has thrown off; the narrow one sees corners that lie just beyond the crest."""
 _NEAR = 3
 """Patches about a known point in which it says such a line."""
-_ALIKE = 0.015
-"""Distance from a crest, in fringes, at which a patch and its mirror image are as good as one."""
 _PASSES = 20
 _PER_UNIT = 100.0
 
@@ -157,7 +155,9 @@ def open_seams(
     result = []
     seams = _not_settled(patches, terms, points, known)
     for seam in sorted(seams, key=lambda s: -int(s.beyond.sum())):
-        beyond = seam.beyond & (np.abs(order - 0.5 * seam.crest) > _ALIKE) & ~unsure
+        # a patch and its mirror image that differ by less are as good as one
+        apart = np.abs(2.0 * order - seam.crest) > LARGEST_UNCERTAINTY
+        beyond = seam.beyond & apart & ~unsure
         if beyond.any():
             unsure |= beyond
             result.append((seam.crest, beyond))
@@ -497,7 +497,6 @@ _HIDDEN_RISE = 0.5
 """Fringes by which the order may at most have risen there: less than the next dark."""
 _DARK = 0.3
 """The light c above which the order is within 0.2 of a whole number."""
-_POOLED_PX = 1.5
 _BESIDE_DEG, _FEWEST = 20.0, 3
 """Angle beyond the corner's sides, and patches there, that are no specimen's."""
 
@@ -511,8 +510,8 @@ def corner_orders(
     True = trusted (rows, cols).
     """
     known, notes = [], []
-    trusted = gaussian(valid.astype(float), _POOLED_PX)
-    pooled = gaussian(np.where(valid, wave, 0.0), _POOLED_PX) / np.maximum(trusted, 1e-9)
+    trusted = gaussian(valid.astype(float), WINDOW_PX)
+    pooled = gaussian(np.where(valid, wave, 0.0), WINDOW_PX) / np.maximum(trusted, 1e-9)
     light = np.where(valid, pooled, np.nan)
     for corner in corners:
         result = _carried(corner, patches, labels, light)
