@@ -1,7 +1,8 @@
-from .band_light import band_light, band_scale
-from .colour_order import ColourReading, read_colour
+from .band_light import FOUND_ERROR, band_light, band_scale
+from .colour_order import LOST, ColourReading, read_colour
 from .colour_table import (
     STEP,
+    WIDTH,
     ColourTable,
     measured_table,
     read_table,
@@ -71,7 +72,9 @@ __all__ = [
     "CLEAR",
     "COSINE",
     "CROSS",
+    "FOUND_ERROR",
     "LARGEST_CHANGE",
+    "LOST",
     "MOST_COST",
     "SHORTEST_PX",
     "SINE",
@@ -80,6 +83,7 @@ __all__ = [
     "STEP",
     "STRANGE",
     "SURE",
+    "WIDTH",
     "BackgroundModulation",
     "Balance",
     "BrightestLight",

@@ -42,6 +42,7 @@ from isochrome.fringes.windows import (
     DIMMEST,
     LARGEST_CHANGE,
     LIGHT_ERROR,
+    MOVES,
     Array,
     Mask,
     beside_jumps,
@@ -103,10 +104,6 @@ def _lit(contrast: Array, valid: Mask) -> Mask:
     return np.asarray((smooth > DIMMEST) & (share > 0.5 * DIMMEST))
 
 
-_POOLINGS = 3
-"""How often an order is pooled over a window, in pixels or blocks."""
-
-
 @dataclass(frozen=True, kw_only=True)
 class ColourValue:
     """Order of each pixel (rows, cols) with what is needed to judge it.
@@ -137,7 +134,7 @@ def refine_colour(
     order, agreed, doubt = _base(choice, factor, trusted.shape[:2])
     weight = np.where(trusted, 1.0 / shown.variance, 0.0).astype(np.float32)
     signal = np.nan_to_num(shown.signal).astype(np.float32)
-    for _ in range(_POOLINGS):
+    for _ in range(MOVES):
         ideal, slope = _look_up(order, table)
         pull = weight * slope
         information = gaussian_sum((pull * slope).sum(axis=-1), WINDOW_PX)
@@ -234,15 +231,15 @@ def _kernel(factor: int) -> tuple[float, float]:
     squared = 2.0 * np.pi**2 * (f**2 + f.T**2)
     last = np.exp(-squared * WINDOW_PX**2)
     smoothing = 1.0 - last * np.sinc(factor * f) * np.sinc(factor * f.T)
-    smoothing = smoothing * (1.0 - last) ** _POOLINGS
+    smoothing = smoothing * (1.0 - last) ** MOVES
     gain = np.sqrt(np.mean((1.0 - smoothing) ** 2) / np.mean(last**2))
     return float(gain), float(1.0 - np.mean(smoothing**2))
 
 
 LOST = 0.04
-"""Share of pixels whose colours are not the table's from which on nothing is read: frames that the
-table describes leave 0.6 % at most, or 3 % where loads stand, a wrong spectrum, response or gamma
-5 % on."""
+"""Share of pixels whose colours are not the table's from which on nothing is read or calibrated:
+frames that the table describes leave 0.6 % at most, or 3 % where loads stand, a wrong spectrum,
+response or gamma 5 % on."""
 
 _LARGEST_DOUBT = 0.02
 _LARGEST_RESIDUAL = 0.05

@@ -41,6 +41,7 @@ from isochrome.fringes.windows import (
     MOSTLY,
     POOLED_PX,
     REACH,
+    ROUNDS,
     STRIDE,
     TURN,
     Array,
@@ -51,7 +52,6 @@ _TURN = np.float32(TURN)
 
 _FACTORS = 31
 """Steps of the search; the finest fringes move by a fortieth from one to the next."""
-_ROUNDS = 5
 _OUTLIER = 0.3
 """Of the wave: a residual that counts half."""
 _RIDGE = 1e-3
@@ -87,7 +87,7 @@ def fit_order_change(
     start = _searched(basis, shown, faded, max(float(np.percentile(basis[0], MOSTLY)), 1e-3))
     solution = start.copy()
     ridge = _RIDGE * shown.size
-    for _ in range(_ROUNDS):
+    for _ in range(ROUNDS):
         residual, slope = _residual(basis[0], solution.astype(np.float32) @ basis, shown, faded)
         turned = basis * slope
         weighted = turned * on_flank(slope) * _weight(residual)

@@ -25,6 +25,7 @@ import numpy as np
 from scipy.special import erf
 
 from isochrome.fringes.windows import (
+    MOVES,
     POOLED_PX,
     Array,
     Mask,
@@ -167,8 +168,6 @@ LARGEST_UNCERTAINTY = 0.03
 
 WINDOW_PX = 1.7
 """Over which an order is pooled."""
-_WIDE_MOVES = 3
-"""How often it is moved over the nearer of the wider windows before, at most."""
 AT_REST = 0.002
 """Root mean square of a difference of orders, fringes, that is none: a third of what the noise
 leaves of an order."""
@@ -293,7 +292,7 @@ def _moved_by_wide_windows(on_branch: _OnBranch) -> Array:
     Such a move is smooth: it is found on blocks of two pixels a side.
     """
     shift = np.zeros(on_branch.shape, dtype=np.float32)
-    for _ in range(_WIDE_MOVES):
+    for _ in range(MOVES):
         residual, slope = on_branch.light_and_slope(shift)
         residual *= slope
         slope *= slope

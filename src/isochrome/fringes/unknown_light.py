@@ -37,6 +37,7 @@ from isochrome.fringes.windows import (
     ALIKE,
     DIFFER,
     EXPOSED,
+    FAINTEST_LIGHT,
     FEWEST,
     LIGHT_ERROR,
     STRIDE,
@@ -66,8 +67,6 @@ _DARKER = -1.0
 _GAMMA = NUMBERS
 _FRAMES = NUMBERS + 1
 _FIXED = 1e-6
-_DARKEST = 0.01
-"""Light, of full scale, that is as good as none."""
 
 
 @dataclass(frozen=True)
@@ -164,7 +163,7 @@ class Unknowns:
         contrast = exposure * illumination * np.asarray(relief)[..., None]
         usable = shots.valid[frame] & (contrast > 0.0)
         light = np.where(usable, np.maximum(shots.raw[frame], 0.0), 0.0)
-        noise = gamma * np.maximum(light, _DARKEST) ** (gamma - 1.0) * shots.noise[frame]
+        noise = gamma * np.maximum(light, FAINTEST_LIGHT) ** (gamma - 1.0) * shots.noise[frame]
         contrast = np.where(usable, contrast, 1.0)
         signal = np.where(usable, (light**gamma - background) / contrast, np.nan)
         share = np.clip(np.nan_to_num(signal), 0.0, 1.0)
@@ -211,7 +210,7 @@ class Unknowns:
 
 def _by_gamma(raw: Array, gamma: float) -> Array:
     """d raw^gamma / d log gamma."""
-    level = np.maximum(raw, _DARKEST)
+    level = np.maximum(raw, FAINTEST_LIGHT)
     return np.asarray(gamma * level**gamma * np.log(level))
 
 
@@ -268,7 +267,7 @@ def unknowns(
     shown = shown / np.exp(brightness)[:, None, None, None]
     if ends:
         low, high = np.nanpercentile(shown, (0.5, 99.5), axis=(0, 1, 2))
-        if not (high - low > _DARKEST).all():
+        if not (high - low > FAINTEST_LIGHT).all():
             fringeless = "frame_shows_no_fringes_normalise", "frames_show_no_fringes"
             raise InputError(fringeless[table is None])
     frames, numbers = len(shown), SENSOR if isinstance(light, ColourTable) else light

@@ -170,6 +170,12 @@ ALIKE, EXPOSED, DIFFER = 0.02, 0.5, 3.0
 """Share by which frames may differ in brightness and still be of one exposure; the deviation of log
 brightness where nothing tells it; by how many standard uncertainties another exposure differs."""
 
+ROUNDS, MOVES = 8, 3
+"""Steps at most of a fit that reweights or bends, and moves of an order over a window."""
+
+FAINTEST_LIGHT = 0.01
+"""Light, of full scale or of the contrast, that is as good as none."""
+
 COMPLETE = 0.95
 """Share of a window that must be seen for it to be beside no edge."""
 

@@ -169,14 +169,16 @@ def fit_roughness(heights_um: Array, unworn: Mask, form: Array, spacing_mm: floa
     return Roughness(spacing_mm, bands.edges_per_mm, np.exp(log_power), np.linalg.inv(information))
 
 
+STANDS_OUT = 5.0
+"""Depth over its uncertainty from which a scar stands out, and a ridge's area over its own: chance
+finds 3.5 to 4 when it may choose place and width. As many robust standard deviations are no
+roughness but a spike, dust or a scratch."""
+
 MOST_BINS = 240
 """Bins of a trace: a scar of a tenth of it has 24, and their covariance is a small matrix."""
 
 _HALF_WINDOW = 7
 """Points on each side of the running median that a spike is told from."""
-
-_SPIKE = 7.0
-"""Robust standard deviations that no rough surface reaches in ten thousand points."""
 
 
 @dataclass(frozen=True)
@@ -210,7 +212,7 @@ def without_spikes(z_um: Array) -> Mask:
     away = np.abs(z_um - np.median(windows, axis=1))
     size = 1.4826 * float(np.median(away))
     largest = float(np.abs(z_um).max())
-    return np.asarray(away <= max(_SPIKE * size, 1e-9 * largest))
+    return np.asarray(away <= max(STANDS_OUT * size, 1e-9 * largest))
 
 
 def bin_trace(trace: Trace) -> BinnedTrace:
@@ -433,10 +435,6 @@ def refine_place(x_mm: Array, z_um: Array, start: ScarShape, white: Array) -> Sc
     )  # fmt: skip
 
 
-STANDS_OUT = 5.0
-"""Depth over its uncertainty from which a scar stands out, and a ridge's area over its own: chance
-finds 3.5 to 4 when it may choose place and width."""
-
 _GUARD = 2.0
 """Guard beside an edge, over its standard uncertainty; a bin at the least."""
 
@@ -451,9 +449,6 @@ _FEWEST_BINS = 20
 
 _SHALLOWEST = 2e-5
 """Depth over width of a scar, of which less is a slip of units: 20 nm over a millimetre."""
-
-_LOUD = 5.0
-"""Robust standard deviations beyond which a bin of a shoulder is no roughness (dust, a scratch)."""
 
 
 class UnclearScarError(PhysicsError):
@@ -549,7 +544,7 @@ def _shoulders(bins: BinnedTrace, place: ScarShape) -> Mask:
         form = legendre(bins.x_mm, FORM_DEGREES[-1])
         beta = np.linalg.lstsq(form[unworn], bins.z_um[unworn], rcond=None)[0]
         away = np.abs(bins.z_um - form @ beta)
-        unworn = unworn & (away <= _LOUD * 1.4826 * float(np.median(away[unworn])) + 1e-12)
+        unworn = unworn & (away <= STANDS_OUT * 1.4826 * float(np.median(away[unworn])) + 1e-12)
     return np.asarray(unworn)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from isochrome.estimation import total_degree
 from isochrome.fringes.single_frame.patches import SIDE
 from isochrome.fringes.skeleton import line_points, noise_gain
-from isochrome.fringes.windows import Array, Indices, Mask
+from isochrome.fringes.windows import ROUNDS, Array, Indices, Mask
 
 _DEGREE = 2
 """Of the products: lamps fall off to the corners."""
@@ -117,9 +117,9 @@ def _waves() -> list[tuple[int, int, float]]:
     return result
 
 
-_ABOVE, _ENOUGH, _ROUNDS = 0.01, 400.0, 12
+_ABOVE, _ENOUGH = 0.01, 400.0
 """Of the first surface: weight of light below it over light above, and how many pixels' worth the
-light counts; rounds of either."""
+light counts."""
 _LINE_PX, _CLEAR = 3.0, 0.5
 """Width of a bright line that is looked for, and its least curvature over that of noise."""
 _STRAY = 0.02
@@ -175,7 +175,7 @@ def _reweighted(
 ) -> Array:
     """Terms of a sum of `rows` (n, terms), by `weights` of what they leave of some values (n,)."""
     weight = weights(np.zeros(len(values)))
-    for _ in range(_ROUNDS):
+    for _ in range(ROUNDS):
         weighted = rows * weight[:, None]
         normal = weighted.T @ rows + np.diag(spread**-2.0)
         terms = np.linalg.solve(normal, weighted.T @ values)

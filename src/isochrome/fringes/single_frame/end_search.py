@@ -47,13 +47,19 @@ from isochrome.fringes.single_frame.patches import (
     offsets,
     patch_prior,
 )
-from isochrome.fringes.windows import DIMMEST, LARGEST_CHANGE, TURN, Array, Indices, Mask
+from isochrome.fringes.windows import (
+    DIMMEST,
+    FAINTEST_LIGHT,
+    LARGEST_CHANGE,
+    TURN,
+    Array,
+    Indices,
+    Mask,
+)
 
 _CUBIC = 1e-3
 """Prior standard deviation of the cubic terms, fringes/px³."""
 _TONE = 0.5
-_FLOOR = 0.01
-"""Of the contrast: light below it is as good as none to the power 1/g."""
 _PIVOT = 1e-3
 
 
@@ -202,7 +208,7 @@ class PatchModel:
         self._light = self._linear = ends.dark + (ends.bright - ends.dark) * self._signal
         self.gain: Array | float = 1.0
         if problem.tone or g != 1.0:
-            self._linear = np.maximum(self._linear, _FLOOR * problem.scale)
+            self._linear = np.maximum(self._linear, FAINTEST_LIGHT * problem.scale)
             self._light = self._linear ** (1.0 / g)
             self.gain = self._light / (g * self._linear)
         self.residual = data.light - self._light

@@ -40,6 +40,7 @@ import numpy as np
 from scipy.ndimage import label
 
 from isochrome.fringes.on_branch import (
+    AT_REST,
     LARGEST_UNCERTAINTY,
     NOTABLE,
     STEEPEST,
@@ -91,6 +92,7 @@ from isochrome.fringes.single_frame.stated_orders import (
 from isochrome.fringes.windows import (
     LIGHT_ERROR,
     MOSTLY,
+    ROUNDS,
     TURN,
     Array,
     Mask,
@@ -101,8 +103,6 @@ from isochrome.messages import message
 
 _SOME = 0.05
 """Share of the patches that have lost as much."""
-_ROUNDS = 6
-"""Of the contrast's law, and readings at most with a contrast found from the last."""
 _OUTLIER = 2.0
 """Robust deviations from which a patch counts for less."""
 
@@ -161,7 +161,7 @@ def fit_contrast(patches: Patches, terms: Array) -> Contrast:
     lost = -2.0 * np.log(patches.contrast[use]) / TURN**2
     causes = np.stack([known[:, 1] ** 2 + known[:, 2] ** 2, known[:, 0] ** 2], axis=-1)
     weight = np.ones(len(lost))
-    for _ in range(_ROUNDS):
+    for _ in range(ROUNDS):
         result, _ = nnls(causes * weight[:, None], lost * weight)
         away = np.abs(lost - causes @ result)
         scale = max(1.4826 * float(np.median(away)), 1e-6)
@@ -361,8 +361,6 @@ _LEAST_PIXELS = 7 * SIDE // 2
 """Pixels, after binning, of the shorter side of a frame: three patches and a half without overlap.
 """
 _LEAST_COVER = 0.15
-_GROUND = 1e-3
-"""Standard deviation of what a quadratic cannot follow, added to a patch's own, fringes."""
 
 
 @dataclass(frozen=True)
@@ -486,7 +484,7 @@ def follow_fringes(
 
     if faded:
         patches, labels = _coarse_to_fine(wave, sigma, valid, faded=True)
-        for _ in range(_ROUNDS):
+        for _ in range(ROUNDS):
             result = followed(patches, labels, wave / fade).anchored(known)
             if not np.isfinite(result.terms).any():
                 break
@@ -544,7 +542,7 @@ def _dense(patches: Patches, terms: Array, valid: Mask) -> OrderReading:
     terms = np.where(use[..., None], terms, 0.0)
     usual = np.median(patches.chi[use]) if use.any() else 1.0
     of_patch = patches.spread[..., 0] * np.clip(patches.chi, min(usual, 1.0), 1.0)
-    trust = np.where(use, 1.0 / (of_patch**2 + _GROUND**2), 0.0)
+    trust = np.where(use, 1.0 / (of_patch**2 + AT_REST**2), 0.0)
     dy, dx, window = offsets()
     orders = np.abs(terms.reshape(-1, 6) @ basis(dy.astype(float), dx.astype(float)).T)
     sums = np.zeros((4, *valid.shape))

@@ -38,6 +38,8 @@ from isochrome.estimation import State, minimise_all, sandwich, solve_all, total
 from isochrome.fringes.on_branch import SURE
 from isochrome.fringes.windows import (
     LARGEST_CHANGE,
+    LIGHT_ERROR,
+    ROUNDS,
     TURN,
     Array,
     Indices,
@@ -54,10 +56,8 @@ _GRADIENT, _CURVATURE = 0.7, 0.02
 """Prior standard deviations, fringes/px and fringes/px²; what bends more is no quadratic."""
 _FINE, _CLEAR = 1.0, 8.0
 """Radians a pixel from which fringes are fine, and how far they must stand above noise."""
-_ROUNDS = 8
 WORST_CHI = 1.6
 """Residual over noise from which a quadratic does not describe its patch."""
-_FLOOR = 1e-3
 _ROUNDING = float(np.finfo(np.float32).eps) * SIDE
 """Of a patch's sums in single precision: what they are not known to, and must not make singular."""
 _BALANCE = 0.3
@@ -170,7 +170,7 @@ def gather_patches(wave: Array, sigma: Array, valid: Mask) -> PatchLight:
     return PatchLight(
         rows=rows, cols=cols, light=np.where(trusted, wave[pick], 0.0).astype(np.float32),
         weight=(window * trusted).astype(np.float32),
-        noise=np.maximum(sigma[at][:, 0], _FLOOR).astype(np.float32),
+        noise=np.maximum(sigma[at][:, 0], LIGHT_ERROR).astype(np.float32),
         gradient=np.stack(gradient, axis=-1).astype(np.float32), body=body,
     )  # fmt: skip
 
@@ -315,7 +315,7 @@ def _refine(patches: PatchLight, terms: Array, mean: Array, prior: Array) -> Pat
         matrix[:, diagonal, diagonal] += prior + 1e-3
         return np.asarray(matrix)
 
-    terms, (_, sine, residual), _ = minimise_all(at, equations, terms, damping, steps=_ROUNDS)
+    terms, (_, sine, residual), _ = minimise_all(at, equations, terms, damping, steps=ROUNDS)
     # the window's weights are no variances: those of a weighted sum are the weights' squares
     inverse = solve_all(information_of(sine), np.broadcast_to(np.eye(6), (len(terms), 6, 6)))
     squared = ((weight * sine) ** 2 @ pairs).reshape(-1, 6, 6) * (TURN**2 * gain)[..., None]
