@@ -28,12 +28,10 @@ from scipy import ndimage
 from isochrome.errors import InputError
 from isochrome.fringes.colour_table import STEP, Choice, ColourTable, choose_orders
 from isochrome.fringes.on_branch import (
-    BRANCH,
     LARGEST_MISFIT,
     LARGEST_UNCERTAINTY,
     STEEPEST,
     SURE,
-    WINDOW_PX,
     OrderReading,
     probability,
 )
@@ -104,6 +102,10 @@ def _lit(contrast: Array, valid: Mask) -> Mask:
     return np.asarray((smooth > DIMMEST) & (share > 0.5 * DIMMEST))
 
 
+_WINDOW_PX = 1.5
+"""Window over which an order is pooled, in pixels or blocks."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class ColourValue:
     """Order of each pixel (rows, cols) with what is needed to judge it.
@@ -137,19 +139,19 @@ def refine_colour(
     for _ in range(MOVES):
         ideal, slope = _look_up(order, table)
         pull = weight * slope
-        information = gaussian_sum((pull * slope).sum(axis=-1), WINDOW_PX)
-        step = gaussian_sum((pull * (signal - ideal)).sum(axis=-1), WINDOW_PX) / (
-            information + BRANCH**-2
+        information = gaussian_sum((pull * slope).sum(axis=-1), _WINDOW_PX)
+        step = gaussian_sum((pull * (signal - ideal)).sum(axis=-1), _WINDOW_PX) / (
+            information + SURE**-2
         )
-        step = np.clip(step, -BRANCH, BRANCH)
+        step = np.clip(step, -SURE, SURE)
         order = np.clip(order + step, -table.highest, table.highest)
     ideal, slope = _look_up(order, table)
     square = np.where(trusted, signal - ideal, 0.0) ** 2
     count = trusted.sum(axis=-1)
-    near = np.maximum(gaussian_sum(count, WINDOW_PX), 1e-6)
+    near = np.maximum(gaussian_sum(count, _WINDOW_PX), 1e-6)
     chi2 = (weight * square).sum(axis=-1)
-    residual = np.sqrt(gaussian_sum(square.sum(axis=-1), WINDOW_PX) / near)
-    misfit = np.sqrt(gaussian_sum(chi2, WINDOW_PX) / near)
+    residual = np.sqrt(gaussian_sum(square.sum(axis=-1), _WINDOW_PX) / near)
+    misfit = np.sqrt(gaussian_sum(chi2, _WINDOW_PX) / near)
     gain, taken = _kernel(factor)
     spread = gain * _spread(order, weight, slope, table) * np.maximum(misfit, 1.0)
     return ColourValue(
@@ -168,11 +170,11 @@ def _base(choice: Choice, factor: int, shape: tuple[int, ...]) -> tuple[Array, M
     outliers = known & (np.abs(filled - middle) > LARGEST_CHANGE)
     filled = np.where(outliers, middle, filled)
     weight = known.astype(float)
-    smooth = ndimage.gaussian_filter(filled, WINDOW_PX / factor, mode="nearest")
+    smooth = ndimage.gaussian_filter(filled, _WINDOW_PX / factor, mode="nearest")
     agreed = known & ~outliers
-    count = np.maximum(gaussian_sum(weight, WINDOW_PX), 1e-6)
-    chi2 = gaussian_sum(np.where(known, choice.misfit, 0.0), WINDOW_PX) / count
-    evidence = gaussian_sum(np.where(known, choice.margin, 0.0), WINDOW_PX)
+    count = np.maximum(gaussian_sum(weight, _WINDOW_PX), 1e-6)
+    chi2 = gaussian_sum(np.where(known, choice.misfit, 0.0), _WINDOW_PX) / count
+    evidence = gaussian_sum(np.where(known, choice.margin, 0.0), _WINDOW_PX)
     doubt = np.exp(-0.5 * np.clip(evidence / np.maximum(0.5 * chi2, 1.0), 0.0, 200.0))
     rows, cols = (
         np.clip((np.arange(n) + 0.5) / factor - 0.5, 0, m - 1)
@@ -202,7 +204,7 @@ def _mixture(order: Array, table: ColourTable) -> Array:
     To the second order in the gradient; at 0.25 fringe a pixel the fourth is 0.01 of full light.
     """
     steepness = sum(step**2 for step in np.gradient(order))
-    steepness = np.minimum(ndimage.gaussian_filter(steepness, WINDOW_PX), STEEPEST**2)
+    steepness = np.minimum(ndimage.gaussian_filter(steepness, _WINDOW_PX), STEEPEST**2)
     bend = table.bend.astype(np.float32)[table.place(np.abs(order))]
     return np.asarray(steepness[..., None].astype(np.float32) / 24.0 * bend)
 
@@ -211,8 +213,8 @@ def _spread(order: Array, weight: Array, slope: Array, table: ColourTable) -> Ar
     """Standard deviation of the pooled order; about N = 0, where s is even, that of N² counts."""
 
     def spread(information: Array) -> Array:
-        square = gaussian_sum(information, WINDOW_PX / np.sqrt(2.0))
-        return np.sqrt(square) / np.maximum(gaussian_sum(information, WINDOW_PX), 1e-9)
+        square = gaussian_sum(information, _WINDOW_PX / np.sqrt(2.0))
+        return np.sqrt(square) / np.maximum(gaussian_sum(information, _WINDOW_PX), 1e-9)
 
     plain = spread((weight * slope**2).sum(axis=-1))
     flat = spread((weight * (0.5 * table.bend[0].astype(np.float32)) ** 2).sum(axis=-1))
@@ -229,7 +231,7 @@ def _kernel(factor: int) -> tuple[float, float]:
     """
     f = np.linspace(0.0, 0.5, 257)[:, None]
     squared = 2.0 * np.pi**2 * (f**2 + f.T**2)
-    last = np.exp(-squared * WINDOW_PX**2)
+    last = np.exp(-squared * _WINDOW_PX**2)
     smoothing = 1.0 - last * np.sinc(factor * f) * np.sinc(factor * f.T)
     smoothing = smoothing * (1.0 - last) ** MOVES
     gain = np.sqrt(np.mean((1.0 - smoothing) ** 2) / np.mean(last**2))
