@@ -19,7 +19,7 @@ A channel's light is I_c = D_c + A_c s_c(N). With no-load frames D and A are the
 is found from the frame itself (`isochrome.fringes.unknown_light`).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -35,7 +35,7 @@ from isochrome.fringes.on_branch import (
     OrderReading,
     probability,
 )
-from isochrome.fringes.unknown_light import BLOCKS, FrameExposure, find_frame_light
+from isochrome.fringes.unknown_light import BLOCKS, FrameExposure, FrameLight, find_frame_light
 from isochrome.fringes.windows import (
     DIMMEST,
     LARGEST_CHANGE,
@@ -48,43 +48,6 @@ from isochrome.fringes.windows import (
     masked,
     nearest_known,
 )
-
-
-@dataclass(frozen=True, kw_only=True)
-class ColourSignal:
-    """Signals of the channels (rows, cols, channels), 1 = full light."""
-
-    signal: Array  # NaN = not trusted
-    variance: Array
-    lit: Mask  # (rows, cols): where there is light at all
-    order_variance: Array  # (rows, cols), fringes², from the uncertainty of the ends
-    blind: bool  # an end was found from the frame itself
-    exposure: FrameExposure  # over that of the no-load frames
-
-
-def colour_signal(
-    light: Array,
-    table: ColourTable,
-    *,
-    sigma: Array | float,
-    dark: Array | None,
-    bright: Array | None,
-    valid: Mask,
-) -> ColourSignal:
-    """Take background and illumination out of a colour frame: s = (I - D)/(B - D).
-
-    The variance is that of the frame, of the no-load frames and of the table's spread. InputError
-    where nothing has contrast.
-    """
-    noise = np.broadcast_to(np.asarray(sigma, dtype=float), light.shape)
-    shown = find_frame_light(light, table, sigma=noise, dark=dark, bright=bright, valid=valid)
-    lit = _lit(shown.contrast, valid)
-    return ColourSignal(
-        signal=np.where(lit[..., None], shown.signal, np.nan).astype(np.float32),
-        variance=(shown.variance + table.spread**2 + LIGHT_ERROR**2).astype(np.float32), lit=lit,
-        order_variance=shown.order_variance, blind=dark is None or bright is None,
-        exposure=shown.exposure,
-    )  # fmt: skip
 
 
 def _lit(contrast: Array, valid: Mask) -> Mask:
@@ -127,7 +90,7 @@ class ColourValue:
 
 
 def refine_colour(
-    shown: ColourSignal, choice: Choice, factor: int, table: ColourTable
+    shown: FrameLight, choice: Choice, factor: int, table: ColourTable
 ) -> ColourValue:
     """Refine orders that were chosen for blocks of `factor` pixels a side by the neighbourhood's
     colours.
@@ -195,18 +158,12 @@ def _look_up(order: Array, table: ColourTable) -> tuple[Array, Array]:
     s = signal[below] + share * (signal[1:] - signal[:-1])[below]
     j = slope[below] + share * (slope[1:] - slope[:-1])[below]
     side = np.where(order < 0.0, np.float32(-1.0), np.float32(1.0))[..., None]
-    return s + _mixture(order, table), j * side
-
-
-def _mixture(order: Array, table: ColourTable) -> Array:
-    """What a pixel's own width adds to its signal: |grad N|²/24 d²s/dN², its mean over a square.
-
-    To the second order in the gradient; at 0.25 fringe a pixel the fourth is 0.01 of full light.
-    """
+    # a pixel's own width adds |grad N|²/24 d²s/dN² to its signal, the mean over a square; at 0.25
+    # fringe a pixel the fourth order is 0.01 of full light
     steepness = sum(step**2 for step in np.gradient(order))
     steepness = np.minimum(ndimage.gaussian_filter(steepness, _WINDOW_PX), STEEPEST**2)
     bend = table.bend.astype(np.float32)[table.place(np.abs(order))]
-    return np.asarray(steepness[..., None].astype(np.float32) / 24.0 * bend)
+    return s + steepness[..., None].astype(np.float32) / 24.0 * bend, j * side
 
 
 def _spread(order: Array, weight: Array, slope: Array, table: ColourTable) -> Array:
@@ -284,7 +241,13 @@ def read_colour(
     trusted = np.isfinite(light) if valid is None else valid & np.isfinite(light)
     if specimen is not None:
         trusted = trusted & specimen[..., None]
-    shown = colour_signal(light, table, sigma=sigma, dark=dark, bright=bright, valid=trusted)
+    noise = np.broadcast_to(np.asarray(sigma, dtype=float), light.shape)
+    shown = find_frame_light(light, table, sigma=noise, dark=dark, bright=bright, valid=trusted)
+    lit = _lit(shown.contrast, trusted)
+    shown = replace(
+        shown, signal=np.where(lit[..., None], shown.signal, np.nan).astype(np.float32),
+        variance=(shown.variance + table.spread**2 + LIGHT_ERROR**2).astype(np.float32),
+    )  # fmt: skip
     factor = 2 if trusted[..., 0].size >= BLOCKS else 1
     choice = choose_orders(*_blocks(shown, factor), table)
     value = refine_colour(shown, choice, factor, table)
@@ -308,19 +271,19 @@ def read_colour(
     known &= ~ndimage.binary_dilation(beside_jumps(value.order), iterations=2)
     sure = probability(uncertainty) * (1.0 - value.doubt)
     degrees = float(value.degrees[readable].sum(dtype=float))
-    body = int(np.count_nonzero(shown.lit if specimen is None else specimen))
+    body = int(np.count_nonzero(lit if specimen is None else specimen))
     return ColourReading(
         order=masked(value.order, known), uncertainty=masked(uncertainty, known),
         confidence=np.where(known, sure, 0.0).astype(np.float32),
         kept=float(np.count_nonzero(known) / max(body, 1)), signal=shown.signal,
         chi=float(np.sqrt(value.chi2[readable].sum(dtype=float) / max(degrees, 1.0))),
-        blind=shown.blind,
+        blind=dark is None or bright is None,
         noise=float(np.sqrt(np.median(shown.variance[trusted]))) if trusted.any() else float("nan"),
         strange=strange, lost=lost, exposure=shown.exposure,
     )  # fmt: skip
 
 
-def _blocks(shown: ColourSignal, factor: int) -> tuple[Array, Array]:
+def _blocks(shown: FrameLight, factor: int) -> tuple[Array, Array]:
     """Means of the signal over blocks of pixels, and their variance."""
     if factor == 1:
         return shown.signal, shown.variance

@@ -39,14 +39,6 @@ _RUN = 2.0  # a fringe centre is level along its run; the flank of a round fring
 _REACH_PX = 1.5  # neighbours: side by side or corner to corner
 
 
-def ridge_noise(image: Floats) -> float:
-    """Estimate the noise's deviation from second differences (Immerkær 1996, with a median)."""
-    kernel = np.array([[1.0, -2.0, 1.0], [-2.0, 4.0, -2.0], [1.0, -2.0, 1.0]])
-    rough = np.abs(ndimage.convolve(image, kernel)[1:-1, 1:-1])
-    rough = rough[np.isfinite(rough)]
-    return float(np.median(rough)) / (0.6745 * 6.0) if rough.size else 0.0
-
-
 def noise_gain(sigma_px: float) -> float:
     """Deviation of sigma² g_xx for an image of white noise of deviation 1."""
     half = int(np.ceil(6.0 * sigma_px)) + 2
@@ -176,7 +168,11 @@ def skeletons(signal: ArrayLike) -> list[Skeleton]:
         raise InputError("signal_shape_skeletons_give", shape=image.shape, ceil=least)
     if np.isfinite(image).sum() < SHORTEST_PX:
         return []
-    noise = ridge_noise(image)
+    # the noise's deviation from second differences (Immerkær 1996, with a median)
+    kernel = np.outer((1.0, -2.0, 1.0), (1.0, -2.0, 1.0))
+    rough = np.abs(ndimage.convolve(image, kernel)[1:-1, 1:-1])
+    rough = rough[np.isfinite(rough)]
+    noise = float(np.median(rough)) / (0.6745 * 6.0) if rough.size else 0.0
     middle = 0.5 * float(np.sum(np.nanpercentile(image, (2.0, 98.0))))
     lines: list[Skeleton] = []
     for scale, deviations in _PASSES:
@@ -270,14 +266,12 @@ def number_lines(lines: Sequence[Skeleton], order: ArrayLike) -> list[Skeleton]:
     of a crest where the order turns back.
     """
     field = np.asarray(order, dtype=np.float64)
-    return [replace(line, order=_order_of(line, field)) for line in lines]
-
-
-def _order_of(line: Skeleton, order: Floats) -> float | None:
-    """The half order along a line, None where it is not known."""
-    along = order[line_pixels(line.rows, line.cols, order.shape)]
-    known = along[np.isfinite(along)]
-    if known.size == 0 or 2 * known.size < along.size:
-        return None
-    level = 0.5 * np.rint(2.0 * np.median(known))
-    return float(level) if (np.abs(known - level) < _APART).mean() >= _MOST else None
+    numbered = []
+    for line in lines:
+        along = field[line_pixels(line.rows, line.cols, field.shape)]
+        known = along[np.isfinite(along)]
+        level = 0.5 * np.rint(2.0 * np.median(known)) if known.size else 0.0
+        near = np.count_nonzero(np.abs(known - level) < _APART)
+        tells = 0 < along.size <= 2 * known.size and near >= _MOST * known.size
+        numbered.append(replace(line, order=float(level) if tells else None))
+    return numbered

@@ -223,12 +223,6 @@ class Direction:
         """The same noise of 2θ if it were independent from pixel to pixel (rad)."""
         return np.asarray(2.0 * np.minimum(self.scatter, 0.5) * np.sqrt(4.0 * np.pi) * WINDOW_PX)
 
-    def noisier(self, times: Array) -> Direction:
-        """The same where the light's noise is some times what was stated (rows, cols)."""
-        more = np.square(self.scatter) * (np.square(times) - 1.0)
-        uncertainty = np.sqrt(np.square(self.uncertainty) + more)
-        return replace(self, scatter=self.scatter * times, uncertainty=uncertainty)
-
 
 def four_theta(terms: StepTerms, design: StepDesign, sigma: Array | float) -> tuple[Array, Array]:
     """Each pixel's information on 4θ, as a complex number along exp 4iθ, and its size, both times
@@ -367,17 +361,27 @@ def measure_steps(
         direction = find_direction(terms, design, sigma=swing, valid=trusted)
         twice = direction.twice
     contrast = np.hypot(terms.cosine, np.abs(terms.sine))
-    readable = trusted & bright_enough(contrast, trusted)
+    brightest = float(np.percentile(contrast[trusted], 90)) if trusted.any() else 0.0
+    lit = trusted & (contrast > DIMMEST * brightest)  # light comes through: no dark surround
+    # a pixel's area leaves sinc(g_x) sinc(g_y) of the contrast, g the gradient in fringes a pixel;
+    # beyond half a fringe a pixel phase turns back on itself, and only the contrast tells
+    usual = pooled(np.where(trusted, contrast, 0.0), _MISFIT_PX)
+    readable = lit & (contrast > _LEAST_CONTRAST * maximum_filter(usual, _AROUND_PX))
     misfit, chi = step_misfit(light, design, sigma, readable & complete)
     agrees = steps_agree(misfit, readable & complete)
-    direction = direction.noisier(np.maximum(misfit, 1.0))
-    uncertainty = phase_uncertainty(terms, design, direction, sigma) * np.maximum(misfit, 1.0)
+    times = np.maximum(misfit, 1.0)  # the noise over what was stated
+    more = np.square(direction.scatter) * (np.square(times) - 1.0)
+    direction = replace(
+        direction, scatter=direction.scatter * times,
+        uncertainty=np.sqrt(np.square(direction.uncertainty) + more),
+    )  # fmt: skip
+    uncertainty = phase_uncertainty(terms, design, direction, sigma) * times
     readable &= (uncertainty < LARGEST_UNCERTAINTY) & (
         misfit * sigma < np.maximum(LARGEST_MISFIT * contrast, 2.0 * sigma)
     )
     return StepLight(
         terms=terms, direction=direction, seen=readable,
-        specimen=trusted & _lit(contrast, trusted), contrast=contrast,
+        specimen=lit, contrast=contrast,
         uncertainty=uncertainty, chi=chi, agrees=agrees,
     )  # fmt: skip
 
@@ -416,24 +420,6 @@ def fill_gaps(light: Array, good: Mask, design: StepDesign) -> tuple[Array, Arra
     filled[:, wanting] = values
     gains[:, wanting] = noise
     return filled, gains[0], gains[1]
-
-
-def bright_enough(contrast: Array, trusted: Mask) -> Mask:
-    """Where the fringes' contrast A V is near that of the surroundings: elsewhere they are too
-    fine.
-
-    A pixel's area leaves sinc(g_x) sinc(g_y) of it, g the gradient in fringes a pixel; beyond half
-    a fringe a pixel phase turns back on itself, and only the contrast tells.
-    """
-    usual = pooled(np.where(trusted, contrast, 0.0), _MISFIT_PX)
-    around = maximum_filter(usual, _AROUND_PX)
-    return np.asarray(_lit(contrast, trusted) & (contrast > _LEAST_CONTRAST * around))
-
-
-def _lit(contrast: Array, trusted: Mask) -> Mask:
-    """Where light comes through at all: the specimen, not a dark surround."""
-    brightest = float(np.percentile(contrast[trusted], 90)) if trusted.any() else 0.0
-    return np.asarray(contrast > DIMMEST * brightest)
 
 
 def step_misfit(

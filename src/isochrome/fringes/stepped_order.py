@@ -433,8 +433,15 @@ def read_residual(
     """
     light = measure_steps(stack, chains, sigma=sigma, valid=valid)
     least = np.abs(least_field(light.terms))
-    main = _main_parts(light.specimen | light.seen, light.seen & (least < _NEAR_HALF))
-    shown, *_ = settle_field(light, model=lambda: np.where(main, least, np.nan), compatible=False)
+    # where the order is below a half for most of what hangs together
+    labels, _ = ndimage.label(light.specimen | light.seen)
+    below, count = ndimage.label(light.seen & (least < _NEAR_HALF))
+    owner = np.zeros(count + 1, dtype=int)
+    owner[below.ravel()] = labels.ravel()
+    main = 2 * np.bincount(below.ravel()) > np.bincount(labels.ravel())[owner]
+    main[0] = False
+    known_model = np.where(main[below], least, np.nan)
+    shown, *_ = settle_field(light, model=lambda: known_model, compatible=False)
     field, along, turn, known = _of_load(light, shown, windows_px=_WINDOWS_PX)
     spread = np.fmax(along, 2.0 * np.abs(field) * turn)
     known &= spread < LARGEST_UNCERTAINTY
@@ -456,28 +463,6 @@ def least_field(terms: StepTerms) -> Array:
     size = np.abs(terms.sine)
     order = np.arctan2(size, terms.cosine) / (2.0 * np.pi)
     return np.asarray(order * terms.sine / np.maximum(size, 1e-30))
-
-
-def least_spread(field: Array, along: Array) -> Array:
-    """The noise of `least_field`, the larger of that along n and across.
-
-    Across n it is that of N along, times δ/sin δ, which grows towards the half order.
-    """
-    delta = 2.0 * np.pi * np.minimum(np.abs(field), _NEAR_HALF)
-    return np.asarray(along * np.fmax(1.0, delta / np.maximum(np.sin(delta), 1e-9)))
-
-
-def _main_parts(lit: Mask, near: Mask) -> Mask:
-    """Where the order is below a half for most of what hangs together; `near`, where its least
-    order is well below a half.
-    """
-    labels, _ = ndimage.label(lit)
-    parts, count = ndimage.label(near)
-    owner = np.zeros(count + 1, dtype=int)
-    owner[parts.ravel()] = labels.ravel()
-    most = 2 * np.bincount(parts.ravel()) > np.bincount(labels.ravel())[owner]
-    most[0] = False
-    return np.asarray(most[parts])
 
 
 _SMALL = 0.15
@@ -579,7 +564,10 @@ def _of_load(
     less = np.where(along < light.uncertainty, smoothed_off, 0.0)
     less *= np.square(light.direction.scatter)
     turn = np.sqrt(np.square(light.direction.uncertainty) - less)
-    across = np.where(small, least_spread(least, along), 2.0 * np.abs(shown) * turn)
+    # across the least n its noise is that of N along, times δ/sin δ, which grows to the half order
+    delta = 2.0 * np.pi * np.minimum(np.abs(least), _NEAR_HALF)
+    of_least = along * np.fmax(1.0, delta / np.maximum(np.sin(delta), 1e-9))
+    across = np.where(small, of_least, 2.0 * np.abs(shown) * turn)
     away = np.angle(shown * np.conj(field))
     taken_off = 0.0 if residual is None else residual.uncertainty
     uncertainty, swing = (

@@ -145,7 +145,8 @@ class Unknowns:
             background = dark**gamma
         if bright is not None:
             return background, bright**gamma - background
-        return background, spread_out(theta[start:].reshape(3, len(self.surface)), self.surface)
+        terms = theta[start:].reshape(3, len(self.surface))
+        return background, np.moveaxis(np.tensordot(terms, self.surface, axes=1), 0, -1)
 
     def shown(
         self, theta: Array, frame: int, relief: Array | float = 1.0
@@ -212,11 +213,6 @@ def _by_gamma(raw: Array, gamma: float) -> Array:
     """d raw^gamma / d log gamma."""
     level = np.maximum(raw, FAINTEST_LIGHT)
     return np.asarray(gamma * level**gamma * np.log(level))
-
-
-def spread_out(shape: Array, surface: Array) -> Array:
-    """Surfaces (rows, cols, channels) of coefficients (channels, k) over terms (k, rows, cols)."""
-    return np.moveaxis(np.tensordot(shape, surface, axes=1), 0, -1)
 
 
 def in_blocks(shots: ColourShots, blocks: int) -> ColourShots:
@@ -405,7 +401,7 @@ class _Look:
     `pixels`, their numbers; `place`, rows of the table that these are nearest to, and `away`, their
     signals less the table's; `square`, mean square of that in each pixel; `order`; `torn`, share of
     pixels beside a jump; `cost`, -2 ln of the likelihood; `misfit`, chi² of each pixel; `relief`,
-    sums for `added_relief`.
+    sums for what frames add to it.
     """
 
     equations: tuple[Array, Array, Array]
@@ -606,16 +602,16 @@ def _search(
         before, theta = state, theta + np.clip(step, -LIGHT_OFF, LIGHT_OFF)
         doubt = max(0.5 * doubt, least)
         if known.table is None and turn >= UNSMOOTH_FROM:
-            bend, relief = _unsmooth(state, bend)
+            bend = bend + added_bend(state, len(bend))
+            # what frames add: Σ r·a / Σ a·a over a window and all frames, r the rests and a the
+            # signals, both across the curve of colours
+            sums = np.sum([look.relief for look in state.looks], axis=0)
+            width = RELIEF_WIDTH * max(relief.shape)
+            smoothed, size = (gaussian_filter(part, width) for part in sums)
+            relief = relief * (1.0 + _GAIN * smoothed / (size + 0.01))
     tables = [each.table.signal for each in (before or state, state)]
     both = min(map(len, tables))
     return state, float(np.abs(tables[0][:both] - tables[1][:both]).max())
-
-
-def _unsmooth(state: _State, bend: Array) -> tuple[Array, Array]:
-    """The table's bend and the illumination's relief by what a round has left."""
-    relief = np.sum([look.relief for look in state.looks], axis=0)
-    return bend + added_bend(state, len(bend)), state.relief * (1.0 + added_relief(relief))
 
 
 def _state(known: Unknowns, theta: Array, bend: Array, relief: Array, doubt: float) -> _State:
@@ -638,17 +634,6 @@ def added_bend(state: _State, length: int) -> Array:
     smooth = gaussian_filter1d(table.slope, 0.5 * width, axis=0)
     added[:size] = _GAIN * _across(mean, smooth, _LEAST_SLOPE)
     return added
-
-
-def added_relief(sums: Array) -> Array:
-    """What frames add to the relief, over it, (rows, cols), by the pixels' `sums` (2, rows, cols).
-
-    Σ r·a / Σ a·a over a window and all frames, r the rests and a the signals, both across the curve
-    of colours.
-    """
-    width = RELIEF_WIDTH * max(sums.shape[1:])
-    smoothed, size = (gaussian_filter(part, width) for part in sums)
-    return np.asarray(_GAIN * smoothed / (size + 0.01))
 
 
 def _look(

@@ -47,7 +47,6 @@ from isochrome.fringes.on_branch import (
     OrderReading,
     less_sure,
     make_reading,
-    moved_by_light,
     stray_variance,
 )
 from isochrome.fringes.single_frame.patches import (
@@ -313,7 +312,9 @@ def _beyond_seam(patches: Patches, terms: Array, beyond: Mask, crest: int, error
     most = float(np.nanmax(apart))
     if most < _TELLABLE:
         return message("lies_within_line_order", said=note, most=0.5 * most)
-    moved = moved_by_light(np.where(beyond, order, 0.0), error)
+    # how far an error e of the signal moves an order N: min(e/(pi |sin 2 pi N|), sqrt(e)/pi)
+    slope = np.pi * np.abs(np.sin(TURN * np.where(beyond, order, 0.0)))
+    moved = np.minimum(error / np.maximum(slope, 1e-9), np.sqrt(error) / np.pi)
     lit = (apart >= _TELLABLE) & (moved < LARGEST_UNCERTAINTY)
     if not lit.any():
         return message("nor_light_there_give", said=note)
