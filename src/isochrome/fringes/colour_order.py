@@ -92,9 +92,7 @@ class ColourValue:
 def refine_colour(
     shown: FrameLight, choice: Choice, factor: int, table: ColourTable
 ) -> ColourValue:
-    """Refine orders that were chosen for blocks of `factor` pixels a side by the neighbourhood's
-    colours.
-    """
+    """Refine orders chosen for blocks of `factor` pixels by the neighbourhood's colours."""
     trusted = np.isfinite(shown.signal)
     order, agreed, doubt = _base(choice, factor, trusted.shape[:2])
     weight = np.where(trusted, 1.0 / shown.variance, 0.0).astype(np.float32)

@@ -90,10 +90,7 @@ class FilmLight:
 
 
 def smooth_zero(light: Array, valid: Mask) -> tuple[Array, bool]:
-    """The unloaded light, float32, without noise where it is as smooth as a polynomial.
-
-    The second is whether it is the frame itself, with its noise.
-    """
+    """The unloaded light, without noise where it is a polynomial; and whether it has its noise."""
     basis = light_basis(light.shape, total_degree(_DEGREES[1]))
     thin = slice(None, None, STRIDE)
     terms = basis[:, thin, thin][:, valid[thin, thin]].astype(float)
@@ -166,9 +163,7 @@ class CrestLight:
         self._square, self._count = 0.0, 0
 
     def add(self, rise: Array, order: Array, contrast: Array, known: Mask) -> None:
-        """Take the crests of a frame, by the `rise` over the unloaded light and the
-        followed order.
-        """
+        """Take a frame's crests by the `rise` over the unloaded light and the followed order."""
         thin = slice(None, None, STRIDE)
         use = near_crest(order[thin, thin]) & known[thin, thin]
         orders = order[thin, thin][use]
@@ -192,9 +187,7 @@ class CrestLight:
         return float(2.0 * np.pi * (WINDOWS[-1] / STRIDE) ** 2)
 
     def illumination(self, shape: tuple[int, int]) -> tuple[Array, Array]:
-        """The illumination, and its standard uncertainty over it, on pixels of any size (rows,
-        cols).
-        """
+        """The illumination, and its standard uncertainty over it, on pixels of any size."""
         basis, count = light_basis(shape, total_degree(_DEGREES[1])), len(self._right)
         ridge = 1e-6 * np.trace(self._matrix) / count * np.eye(count)
         inverse = np.linalg.inv(self._matrix + ridge)
@@ -281,11 +274,9 @@ class FilmPath:
         self, frames: Iterable[tuple[Array, Mask, float]],
         key: Callable[[], FilmState | None] | None = None, every: int = 1,
     ) -> None:  # fmt: skip
-        """Follow the film through all of its frames.
+        """Follow the film through its frames: light on blocks, where it is trusted, and time.
 
-        Each is the light (rows, cols) on blocks of pixels, from the first on, where it is trusted,
-        and its time. `key` reads the frame that was given last from nothing, None where it cannot,
-        each `every` frames.
+        `key` reads the frame that was given last from nothing, None where it cannot, each `every`.
         """
         for index, (light, valid, time) in enumerate(frames):
             self.count = index + 1
@@ -367,11 +358,7 @@ def joined_pixels(values: Array, by: int) -> Array:
 def read_followed(
     light: Array, state: FilmState, film_light: FilmLight, *, sigma: Array, valid: Mask, by: int
 ) -> OrderReading:
-    """Read the orders of a frame where they were followed to; `kept` is of the valid pixels.
-
-    `state` is on blocks of `by` pixels a side, `film_light` of the frame's size; `sigma` is the
-    noise.
-    """
+    """Read the orders of a frame where they were followed to, on blocks of `by` pixels a side."""
     order = _spread(state.order, by, light.shape, smooth=True)
     blocks = _spread(state.known.astype(np.float32), by, light.shape, smooth=False)
     beside = valid & (cv2.dilate(blocks, np.ones((2 * by + 1, 2 * by + 1), np.uint8)) > 0.5)
@@ -403,10 +390,7 @@ def unloaded_state(material: Mask, time: float) -> FilmState:
 
 
 def joined_reading(reading: OrderReading, by: int, time: float) -> FilmState:
-    """A frame's reading as a state that a film can be followed from, on blocks of pixels.
-
-    Orders are of blocks of which each pixel was read; the rate is not known, and taken as 0.
-    """
+    """A frame's reading as a state that a film can be followed from, on blocks that are whole."""
     read = np.isfinite(reading.order)
     known = _whole_blocks(read, by)
     order = joined_pixels(np.where(read, reading.order, 0.0), by)

@@ -134,10 +134,7 @@ def faded_fringes(order: Array) -> tuple[Array, Array, tuple[Array, Array]]:
 
 
 def _searched(basis: Array, shown: Array, faded: Array, top: float) -> Array:
-    """Coefficients to start from: the best factor alone, or after the change before.
-
-    The fields of `basis`: N first, the fourth the change before.
-    """
+    """Coefficients to start from: the best factor of N (first) alone, or after the fourth field."""
     best, solution, order = np.inf, np.zeros(len(basis)), basis[0]
     reach = LARGEST_CHANGE / top
     for goes_on in (0.0, 1.0):
@@ -194,7 +191,7 @@ def follow_frame(
 ) -> FilmState:
     """Follow the orders into the next frame, or, with times that fall, into the one before.
 
-    `wave` is its cos 2 pi N, float32, `noise` the wave's standard deviation.
+    `wave` is its cos 2 pi N, `noise` the wave's standard deviation.
     """
     before = state.order
     weight = valid.astype(np.float32)
@@ -313,9 +310,7 @@ def _moment(values: Array, down: int, across: int) -> Array:
 
 
 def regained(order: Array, known: Mask, wave: Array, valid: Mask) -> tuple[Array, Mask]:
-    """Orders and where they are known, with what their light bears out beside those known
-    before.
-    """
+    """Orders and where they are known, with what their light bears out beside those known."""
     for _ in range(_HALF_PX):  # beyond, nothing that is known says how the order goes on
         order = continued(order, known)
         new, move = _borne_out(order, known, wave, valid)

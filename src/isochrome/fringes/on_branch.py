@@ -287,10 +287,7 @@ def _move(information: Array, answer: Array) -> Array:
 
 
 def _moved_by_wide_windows(on_branch: _OnBranch) -> Array:
-    """How far the orders lie from a model's over wide windows (rows, cols), fringes.
-
-    Such a move is smooth: it is found on blocks of two pixels a side.
-    """
+    """How far the orders lie from a model's over wide windows, on blocks of two pixels a side."""
     shift = np.zeros(on_branch.shape, dtype=np.float32)
     for _ in range(MOVES):
         residual, slope = on_branch.light_and_slope(shift)
@@ -319,9 +316,7 @@ def make_reading(order: Array, uncertainty: Array, known: Mask, *, of: Mask) -> 
 
 
 def less_sure(reading: OrderReading, error: Array, largest: float) -> OrderReading:
-    """A reading whose orders may be off by more: u' = (u² + e²)^(1/2), not known from
-    `largest` on.
-    """
+    """A reading whose orders may be off by e more, (u² + e²)^(1/2), not known from `largest` on."""
     read = np.isfinite(reading.order)
     uncertainty = np.hypot(np.where(read, reading.uncertainty, 0.0), error)
     known = read & (uncertainty < largest)

@@ -141,8 +141,8 @@ def step_row(chain: Chain) -> list[float]:
 def make_design(chains: Sequence[Chain]) -> StepDesign:
     """The equations of a set of steps, of the unknowns that they tell apart, and their solution.
 
-    Background and amplitude, and 4θ, are left out where the steps do not give them: six circular
-    steps need neither. InputError, with the steps to add, where cos δ or sin δ cannot be told.
+    Six circular steps need neither background nor amplitude. InputError, with the steps to add,
+    where cos δ or sin δ cannot be told.
     """
     matrix = np.array([step_row(chain) for chain in chains]).reshape(-1, 7)
     for solved, weakest in (*((columns, _WEAKEST) for columns in _SETS), (_SETS[0], _NOISIEST)):
@@ -225,8 +225,7 @@ class Direction:
 
 
 def four_theta(terms: StepTerms, design: StepDesign, sigma: Array | float) -> tuple[Array, Array]:
-    """Each pixel's information on 4θ, as a complex number along exp 4iθ, and its size, both times
-    sigma².
+    """Each pixel's information on 4θ, along exp 4iθ, and its size, both times sigma².
 
     E = S²/(4 vS) + Q (A - c)/vQ, with S = A sin δ exp 2iθ, Q = A (1 - cos δ) exp 4iθ, c = A cos δ,
     and vS, vQ their variances for unit noise; the squares' means of noise are taken off.

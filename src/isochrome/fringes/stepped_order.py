@@ -457,9 +457,7 @@ def read_residual(
 
 
 def least_field(terms: StepTerms) -> Array:
-    """n of the least order that the light allows, 1/2 at most, pixel by pixel: N exp 2iθ, see the
-    module.
-    """
+    """N exp 2iθ of the least order that the light allows, 1/2 at most, pixel by pixel."""
     size = np.abs(terms.sine)
     order = np.arctan2(size, terms.cosine) / (2.0 * np.pi)
     return np.asarray(order * terms.sine / np.maximum(size, 1e-30))
@@ -543,11 +541,10 @@ def _of_load(
     residual: ResidualStress | None = None,
     windows_px: Sequence[float] = (SMOOTHED_PX,),
 ) -> tuple[Array, Array, Array, Mask]:
-    """n of the load alone, smoothed, with its noise along and across it.
+    """n of the load alone, smoothed, the noise of |n| and of arg(n)/2 (rad), and where it is known.
 
     The noise of N and θ lies along and across the n that the frames show; the angle between that
-    and the load's own turns it. Returns n, the noise of |n| and of arg(n)/2 (fringes, rad), and
-    where n is known.
+    and the load's own turns it.
     """
     known = np.isfinite(shown)
     shown = np.where(known, shown, 0.0)

@@ -151,11 +151,9 @@ class Unknowns:
     def shown(
         self, theta: Array, frame: int, relief: Array | float = 1.0
     ) -> tuple[Array, Array, Array, Array, Array]:
-        """One frame by the unknowns as they are.
+        """One frame's signal, noise and variance, background and contrast at full signal.
 
-        Its signal, NaN where it is not usable, its noise, and with the no-load frames' noise its
-        variance, the background and the contrast that the light would have at full signal, (rows,
-        cols, 3) each.
+        NaN where it is not usable; the variance has the no-load frames' noise too.
         """
         gamma, shots = float(np.exp(theta[_GAMMA])), self.shots
         exposure = np.exp(theta[_FRAMES + frame])
@@ -177,11 +175,7 @@ class Unknowns:
     def design(
         self, theta: Array, frame: int, at: Array, ends: list[Array], ideal: Array, change: Array
     ) -> Array:
-        """Derivatives (pixels, 3, unknowns) of the model's light, less those of the frame's.
-
-        `at` some pixels, of `ideal` signals (pixels, 3), and their `change` by the light's numbers
-        (pixels, 3, 11), with the `ends`, the frame's background and contrast there (pixels, 3).
-        """
+        """Derivatives (pixels, 3, unknowns) of the model's light, less the frame's."""
         gamma, shots = float(np.exp(theta[_GAMMA])), self.shots
         _, contrast = ends
         design = np.zeros((len(at), 3, len(theta)))
@@ -579,7 +573,7 @@ def _search(
 ) -> tuple[_State, float]:
     """Look orders up and correct the unknowns, in turn; from a log brightness where ends are known.
 
-    Returns where that comes to rest, and the table's last change, 1 where it led away from there.
+    To where that rests, and the table's last change, 1 where it led away from there.
     """
     theta, least = known.start.copy(), _LEAST_DOUBT[known.table is None]
     doubt = STRANGE if brightness is None else least
@@ -696,9 +690,7 @@ def _correction(
 ) -> tuple[Array, Array]:
     """Change of the unknowns with every pixel's order free, and their covariance.
 
-    Parameters, all weighted by 1/sigma: `design` (pixels, channels, unknowns), `residual` and
-    `along`, dI/dN (pixels, channels); `hold`, the prior's normal equations; `back`, from the
-    unknowns to the prior's own.
+    All weighted by 1/sigma; `along`, dI/dN; `hold`, the prior's equations, `back` from its middle.
     """
     flat, residual = _across(design, along), _across(residual, along)
     size = np.sum(residual**2, axis=1)

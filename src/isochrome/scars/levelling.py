@@ -202,10 +202,7 @@ class BinnedTrace:
 
 
 def without_spikes(z_um: Array) -> Mask:
-    """Which points are no spikes: near the running median of their neighbours (n,).
-
-    The distance is told in robust standard deviations, 1.4826 times the median distance.
-    """
+    """Which points are near the running median of their neighbours, and so no spikes (n,)."""
     half = min(_HALF_WINDOW, (len(z_um) - 1) // 4)
     padded = np.pad(z_um, half, mode="reflect", reflect_type="odd")
     windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1)
@@ -216,10 +213,7 @@ def without_spikes(z_um: Array) -> Mask:
 
 
 def bin_trace(trace: Trace) -> BinnedTrace:
-    """Bin a trace, without its spikes; the line through its ends is taken off and put back.
-
-    Means over bins of points at unequal x would carry the tilt otherwise.
-    """
+    """Means over bins without spikes; points at unequal x carry no tilt into them."""
     x, z = trace.x_mm, trace.z_um
     slope = (z[-1] - z[0]) / (x[-1] - x[0])
     line = slope * (x - x[0])
@@ -374,10 +368,7 @@ class ScarShape:
 
 
 def whitening(x_mm: Array, covariance: Array) -> Array:
-    """Heights to what is white, with the form taken off (n, n).
-
-    The root of the inverse covariance of roughness and form, and from that the tilt projected out.
-    """
+    """Heights to what is white (n, n): roughness and form taken off, and the tilt projected out."""
     form, spread = legendre(x_mm, FORM_DEGREES[-1]), form_spread(x_mm, FORM_DEGREES[-1])
     curved = form[:, 2:] * spread[2:]
     root = np.linalg.inv(np.linalg.cholesky(covariance + curved @ curved.T))

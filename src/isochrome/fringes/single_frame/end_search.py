@@ -184,10 +184,7 @@ class PatchEnds:
 
 
 def ends_at(data: PatchData, unknowns: Array) -> PatchEnds:
-    """The ends at the patches' pixels.
-
-    Parameters: `data`; `unknowns` (terms,). Returns the PatchEnds.
-    """
+    """The ends at the patches' pixels."""
     return PatchEnds(unknowns, *(end.ravel()[data.pixels] for end in data.problem.ends(unknowns)))
 
 
@@ -267,10 +264,9 @@ def _information(
 def refine_ends(
     data: PatchData, ends: PatchEnds, orders: Array, damping: Array, steps: int
 ) -> tuple[Array, Array, Array]:
-    """Damped steps of the patches alone, each taken where it lowers the patch's cost.
+    """Damped steps of the patches' orders (p, 10), each taken where it lowers the patch's cost.
 
-    Of `orders`, the patches' terms (p, 10), by their `damping` (p,). Returns the orders, the
-    patches' costs, the damping.
+    Returns the orders, the patches' costs, the damping.
     """
 
     def at(orders: Array) -> State:
@@ -303,10 +299,7 @@ class EndEquations:
 
 
 def eliminated(data: PatchData, ends: PatchEnds, orders: Array) -> EndEquations:
-    """Normal equations with the patches' own terms eliminated.
-
-    A patch whose own equations are singular is left out.
-    """
+    """Normal equations without the patches' own terms; of singular patches there are none."""
     problem, now = data.problem, PatchModel(data, ends, orders)
     information, pull, weighted = _information(data, now.residual, now.slope, orders)
     inverse = solve_all(information, np.broadcast_to(np.eye(TERMS), information.shape))
@@ -331,10 +324,7 @@ def eliminated(data: PatchData, ends: PatchEnds, orders: Array) -> EndEquations:
 
 
 def _of_ends(data: PatchData, now: PatchModel, weight: Array) -> tuple[Array, Array]:
-    """Normal equations (terms, terms), (terms,) of the free unknowns, the orders held.
-
-    Patches overlap: what they have at a pixel of the frame is summed up first.
-    """
+    """Normal equations of the free unknowns, the orders held, of patches that overlap."""
 
     def summed(values: Array) -> Array:
         light = data.problem.light
@@ -407,8 +397,7 @@ class Found:
 def search_all(problem: EndProblem, starts: list[Array]) -> list[Found]:
     """What each of several starts leads to.
 
-    Parameters: `problem`; `starts`, vectors of its unknowns. Raises InputError where no fringe can
-    be followed, or where the fringes leave the unknowns open.
+    InputError where no fringe can be followed, or where the fringes leave the unknowns open.
     """
     outcome = []
     for start in starts:
@@ -422,11 +411,10 @@ def search_all(problem: EndProblem, starts: list[Array]) -> list[Found]:
 
 
 def possible(*models: list[Found]) -> list[Found]:
-    """The results that the frame does not exclude, the best first.
+    """The results of other orders that the frame does not exclude, the best first.
 
     Models, such as light without and with spots, are compared by the evidence of their best, the
     results of one by their costs: what a result leaves open is no merit beside another's.
-    Parameters: the results of each model. Returns those of other orders than the ones before.
     """
     one = models[0][0]
     cost = [min(_dearer(result, one) + result.price for result in results) for results in models]
@@ -501,10 +489,7 @@ def _search(problem: EndProblem, unknowns: Array) -> Found:
 
 
 def search_on(result: Found, problem: EndProblem) -> Found:
-    """A result as one of a problem that leaves more open, by full steps from where it rests.
-
-    The patches are those in use. Parameters: `result`, its unknowns those of `problem`.
-    """
+    """A result as one of a problem that leaves more open, by full steps on the patches in use."""
     data = replace(result.data, problem=problem)
     unknowns, orders, change = result.unknowns, result.orders, result.change
     dampings, cost = _start(data, unknowns, orders)
@@ -531,10 +516,7 @@ def _damped(normal: EndEquations, damping: float) -> Array:
 def _followed(
     data: PatchData, place: tuple[Array, Array, Array], normal: EndEquations, step: Array
 ) -> tuple[float, Array, Array, Array]:
-    """Cost and place after a step, every patch going along where that is good for it.
-
-    The place: the unknowns, the patches' orders, and their damping.
-    """
+    """Cost, unknowns, orders and damping after a step, every patch going along where it pays."""
     unknowns, orders, dampings = place
     new = unknowns.copy()
     new[data.problem.free] += step
@@ -589,11 +571,9 @@ def _found(data: PatchData, unknowns: Array, orders: Array, change: float) -> Fo
 def fresh_patches(
     problem: EndProblem, unknowns: Array, before: tuple[PatchData, Array] | None = None
 ) -> tuple[PatchData, Array, float]:
-    """Patches fitted anew at some unknowns, but kept where they were better.
+    """Patches fitted anew but where they were better, their orders, and the share better anew.
 
-    Parameters: `problem`; `unknowns` (terms,); `before`, the patches in use and their orders, if
-    any. Returns the patches, their orders, and the share that was better anew. Raises InputError
-    where too few can be followed.
+    InputError where too few can be followed.
     """
     index, places, window, start = _fitted(problem, unknowns)
     _check_number(len(index))

@@ -123,11 +123,7 @@ class Contrast:
 
 
 def with_told(patches: Patches, by: int, wider: Array | None) -> Patches:
-    """Patches with the contrast that wider ones tell where they tell none.
-
-    Parameters: `patches` of bins of `by` pixels, whose own blur is taken out; `wider` by wider ones
-    (m, n), NaN where nothing is, None for none. Returns Patches.
-    """
+    """Patches of bins, without their own blur, with the contrast of wider ones where they need it."""
     contrast = patches.contrast
     if by > 1:
         slope = np.hypot(patches.terms[..., 1], patches.terms[..., 2])
@@ -145,11 +141,9 @@ def everywhere(contrast: Array) -> Array:
 
 
 def fit_contrast(patches: Patches, terms: Array) -> Contrast:
-    """Find what fringes lose from patches whose order is known.
+    """What fringes lose, by patches whose order is known; nothing where too few tell.
 
     Least squares of both variances, neither negative, patches off the law counting for less.
-    Parameters: `patches`; `terms` (m, n, 6) of their signed order, NaN = not known. Returns the
-    Contrast, of no loss where too few patches tell.
     """
     use = np.isfinite(terms[..., 0]) & (patches.contrast > FAINTEST)
     if np.count_nonzero(use) < SMALLEST:
@@ -169,10 +163,7 @@ def fit_contrast(patches: Patches, terms: Array) -> Contrast:
 
 
 def contrast_map(patches: Patches, terms: Array, law: Contrast, shape: tuple[int, ...]) -> Array:
-    """The contrast at each pixel (rows, cols); where no order is known, that of the nearest patch.
-
-    Parameters: `patches`; `terms` (m, n, 6), NaN = not known; `law`; `shape` of the frame.
-    """
+    """The contrast at each pixel; where no order is known, that of the nearest patch."""
     near = nearest_known(terms, np.isfinite(terms[..., 0]))
     contrast = law.left(near[..., 0], np.hypot(near[..., 1], near[..., 2]))
     down, across = (
@@ -234,10 +225,7 @@ def _one_part(patches: Patches, part: Array, given: list[Stated], error: Array) 
 def _of_rivals(
     patches: Patches, part: Array, given: list[Stated], rivals: Sequence[int], error: Array
 ) -> Anchored:
-    """The first of some equally likely shifts that seams make fit all that is known.
-
-    Else nothing is known, and why.
-    """
+    """The first of some equally likely shifts that seams make fit all that is known, if any."""
     for j in rivals:
         if not all(p.fits(j) for g in given for p in g.places):
             result = _with_seams(patches, part, given, j, error)
@@ -300,10 +288,7 @@ def _zero_said(j: int, given: list[Stated]) -> list[ZeroPlace]:
 
 
 def _beyond_seam(patches: Patches, terms: Array, beyond: Mask, crest: int, error: Array) -> str:
-    """What to say of patches whose branch the light does not settle.
-
-    A point is asked for where the light is known well enough for its answer to be the order.
-    """
+    """What to say of patches whose branch the light does not settle, and which point would."""
     order = terms[..., 0]
     mirrored = np.abs(crest - order)
     share = 100.0 * beyond.sum() / max(1, np.isfinite(order).sum())
@@ -327,10 +312,7 @@ def _beyond_seam(patches: Patches, terms: Array, beyond: Mask, crest: int, error
 
 
 def clearly_apart(difference: Array) -> Mask:
-    """Where two orders differ enough for a known one to tell them apart, else where most.
-
-    Equation: d > min(1/2, max(d)/2), d the `difference` (rows, cols), NaN where nothing is asked.
-    """
+    """Where two orders differ by d > min(1/2, max(d)/2), so that a known one tells them apart."""
     return np.asarray(difference > min(APART, 0.5 * float(np.nanmax(difference))))
 
 
@@ -385,9 +367,7 @@ def read_free(
     """Read the fringe order of a normalised frame `wave`, cos 2 pi N, without a model.
 
     Each part that is wanted needs a point, a line or a corner that is `known`. `error`: uncertainty
-    of the signal (1 - cos 2 pi N)/2 by the ends of the light: from 0.003 on in the median a line of
-    N = 0, which stands for N = 1 in a wrong light, must be known. InputError: the frame is smaller
-    than a patch.
+    of (1 - cos 2 pi N)/2 by the ends of the light. InputError: the frame is smaller than a patch.
     """
     followed, fade = follow_fringes(wave, sigma, valid, known, error=error)
     result = followed.anchored(known)
@@ -419,10 +399,7 @@ class FollowedFringes:
     unlit: Array = field(repr=False)
 
     def anchored(self, known: KnownOrders) -> Anchored:
-        """The signed orders of the patches by what is `known`, and what is to be said.
-
-        The whole number of each part where an order is known is chosen, and the side of open seams.
-        """
+        """The orders of the patches by what is `known`: whole numbers, and sides of open seams."""
         patches, labels = self.patches, self.labels
         at_corners, notes = corner_orders(known.corners, patches, labels, self.wave, self.valid)
         terms = np.full_like(patches.terms, np.nan)
@@ -467,11 +444,10 @@ class FollowedFringes:
 def follow_fringes(
     wave: Array, sigma: Array, valid: Mask, known: KnownOrders, *, error: Array
 ) -> tuple[FollowedFringes, Array]:
-    """Follow the fringes of a normalised frame as far as they can be without a known order.
+    """What could be followed without a known order, and what is left of the contrast.
 
     Low orders of wide fringes lose next to nothing of their contrast and tell what the others lose:
     where contrast is lost, and there alone, what is followed grows from them by what is `known`.
-    Arrays as in `read_free`. Returns what could be followed, and what is left of the contrast.
     """
 
     fade = np.ones(wave.shape)

@@ -145,11 +145,9 @@ class PatchLight:
 
 
 def gather_patches(wave: Array, sigma: Array, valid: Mask) -> PatchLight:
-    """Cut a normalised frame into patches.
+    """Cut a normalised frame, c = cos 2 pi N, into patches from border to border.
 
-    Parameters: `wave` c = cos 2 pi N (rows, cols); `sigma`, its noise (rows, cols); `valid`, True =
-    trusted. Returns a PatchLight that covers the frame from border to border. Raises InputError
-    where the frame is smaller than a patch.
+    InputError where the frame is smaller than a patch.
     """
     if min(wave.shape) < SIDE:
         rows, cols = wave.shape
@@ -184,10 +182,9 @@ def fit_patches(
 ) -> Patches:
     """Fit a quadratic of the order to each patch of a frame.
 
-    Parameters: `patches`; `expected`, terms that are known beforehand (m, n, 6), NaN where none
-    are, and their standard deviations; `contrast`, the fringes' (m, n), 1 if not given. A patch
-    that fits its expectation badly is fitted again without; with `deviation` one that tells another
-    contrast is fitted with that. Returns Patches.
+    `expected`: terms (m, n, 6) known beforehand, NaN where none are, and their deviations. A patch
+    that fits these badly is fitted again without; with `deviation` one that tells another contrast
+    is fitted with that.
     """
     if contrast is None:
         contrast = np.ones((len(patches.rows), len(patches.cols)))
@@ -346,12 +343,7 @@ def _contrast(weight: Array, light: Array, cosine: Array) -> Array:
 
 
 def neighbours(patches: Patches, terms: Array) -> list[Array]:
-    """Patches and their neighbours a step on, and what both say of the order half-way.
-
-    Parameters: `patches`; `terms` (m, n, 6), theirs or their labelled ones. Returns of all steps
-    the patches' numbers (k,), their neighbours', both's terms half-way (k, 6), and the variance of
-    the difference of these (k, 6).
-    """
+    """Patches' numbers, their neighbours' a step on, both's terms half-way, and their variance."""
     pairs = []
     m, n = patches.chi.shape
     number = np.arange(m * n).reshape(m, n)
@@ -407,10 +399,7 @@ class Labels:
 
 
 def label_patches(patches: Patches) -> Labels:
-    """Settle signs and whole numbers over a frame.
-
-    Parameters: `patches`. Returns Labels; parts are numbered from the largest, 0.
-    """
+    """Settle signs and whole numbers over a frame; parts are numbered from the largest, 0."""
     shape, count = patches.chi.shape, patches.chi.size
     good = (patches.filled > LEAST_FILLED) & (patches.spread[..., 0] < SURE)
     good = (good & (patches.chi < WORST_CHI)).ravel()
@@ -434,12 +423,10 @@ def label_patches(patches: Patches) -> Labels:
 def expected_terms(
     patches: Patches, labels: Labels, rows: Array, cols: Array, finer: int
 ) -> tuple[Array, Array]:
-    """What a binned frame's patches say of the quadratics of a finer one.
+    """What a binned frame's patches say of a finer one's, with deviations (m, n, 6) each.
 
-    Parameters: `patches`, `labels` of the binned frame; `rows` (m,), `cols` (n,), places in it
-    where terms are wanted, pixels; `finer`, how many pixels of the finer frame make one of its.
-    Returns the terms in the finer frame's pixels (m, n, 6), in the signs of the nearest patch's
-    part, NaN where that is no good, and their standard deviations.
+    In its pixels, `finer` of which make one, at places in the binned frame; in the signs of the
+    nearest patch's part, NaN where that is no good.
     """
     near = nearest_patches(patches, rows, cols)
     i, j = near[0].ravel(), near[1].ravel()
