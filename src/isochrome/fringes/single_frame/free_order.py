@@ -123,7 +123,7 @@ class Contrast:
 
 
 def with_told(patches: Patches, by: int, wider: Array | None) -> Patches:
-    """Patches of bins, without their own blur, with the contrast of wider ones where they need it."""
+    """Patches of bins, without their own blur, and wider ones' contrast where they tell none."""
     contrast = patches.contrast
     if by > 1:
         slope = np.hypot(patches.terms[..., 1], patches.terms[..., 2])
