@@ -24,6 +24,7 @@ from __future__ import annotations
 import zlib
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -74,11 +75,9 @@ class FilmLight:
 
     def joined(self, by: int) -> FilmLight:
         """The same on blocks of pixels."""
-        maps = (self.zero, self.illumination, self.error, self.zero_error)
-        zero, level, error, zero_error = (joined_pixels(part, by) for part in maps)
-        return FilmLight(
-            zero=zero, illumination=level, error=error, zero_error=zero_error, sign=self.sign
-        )
+        names = "zero", "illumination", "error", "zero_error"
+        maps: dict[str, Any] = {name: joined_pixels(getattr(self, name), by) for name in names}
+        return replace(self, **maps)
 
     def rise(self, light: Array) -> Array:
         """What fringes add to or take off the unloaded light, A sin² pi N (rows, cols)."""
@@ -288,8 +287,10 @@ class FilmPath:
             read = key if index > self._begin else None
             due = read is not None and (breaks or index % every == 0)
             if due or index in (0, self._begin) or index % self.chunk == 0:
-                if read is not None:
-                    self._regain(wave, valid)
+                state = self._state
+                if read is not None and state.known.any():  # the next one finds what is not right
+                    order, known = regained(state.order, state.known, wave, valid)
+                    self._state = replace(state, order=order, known=known)
                 if read is not None and due and (new := read()) is not None:
                     self._settle(new, index)
                 self.kept[index] = keep_state(self._state)
@@ -310,13 +311,6 @@ class FilmPath:
         known = state.order[state.known][::7]
         self.highest = max(self.highest, float(np.percentile(known, 99.5)) if known.size else 0.0)
         return False
-
-    def _regain(self, wave: Array, valid: Mask) -> None:
-        """Take in what its light bears out: the next key frame finds what is not right."""
-        state = self._state
-        if state.known.any():
-            order, known = regained(state.order, state.known, wave, valid)
-            self._state = replace(state, order=order, known=known)
 
     def _settle(self, new: FilmState, index: int) -> None:
         """Hold a key frame, read from nothing, against what was followed to it."""

@@ -200,8 +200,11 @@ def follow_frame(
     contrast, steep, gradient = faded_fringes(before)
     highest = state.order[state.known][::7]
     if not highest.size or np.percentile(highest, 99.8) < _AT_FIRST:
-        order, plain = _at_first(wave, weight)
-        known = state.known & plain
+        # below the first crest the light tells orders, but not where they may be beyond it
+        signal = _window_mean(0.5 - 0.5 * wave, weight, POOLED_PX)
+        order = np.arcsin(np.sqrt(np.clip(signal, 0.0, 1.0))) / np.float32(np.pi)
+        beyond = (valid & near_crest(order)).astype(np.uint8)
+        known = state.known & valid & (cv2.dilate(beyond, np.ones((3, 3), np.uint8)) == 0)
     else:
         expected = state.rate * np.float32(apart)
         fitted = fit_order_change(before, expected, wave, contrast, gradient, state.known & valid)
@@ -230,15 +233,6 @@ def follow_frame(
 def _lost(state: FilmState, time: float) -> FilmState:
     """Nothing is known from here on."""
     return replace(state, known=np.zeros_like(state.known), time=time, broken=True)
-
-
-def _at_first(wave: Array, weight: Array) -> tuple[Array, Mask]:
-    """Orders below the first crest, and where they are: not where they may be beyond it."""
-    signal = _window_mean(0.5 - 0.5 * wave, weight, POOLED_PX)
-    order = np.arcsin(np.sqrt(np.clip(signal, 0.0, 1.0))) / np.float32(np.pi)
-    inside = weight > 0.0
-    beyond = (inside & near_crest(order)).astype(np.uint8)
-    return order, inside & (cv2.dilate(beyond, np.ones((3, 3), np.uint8)) == 0)
 
 
 def _corrected(order: Array, wave: Array, contrast: Array, weight: Array, noise: float) -> Array:

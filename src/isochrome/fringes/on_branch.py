@@ -218,7 +218,16 @@ def read_order(
     gain = amplitude * per_noise
     fringed = (light - background).astype(np.float32, copy=False) * per_noise
     on_branch = _OnBranch(fringed, gain, wave, material)
-    smooth = _moved_by_wide_windows(on_branch)
+    smooth = np.zeros(model.shape, dtype=np.float32)
+    for _ in range(MOVES):  # over wide windows, whose moves are smooth: on blocks of two pixels
+        residual, slope = on_branch.light_and_slope(smooth)
+        residual *= slope
+        slope *= slope
+        information = Windows(halved(slope), 2).sum(WIDE_PX)
+        step = _move(information, Windows(halved(residual), 2).sum(WIDE_PX))
+        smooth += expanded(step, model.shape, 2)
+        if float(np.vdot(step, step)) < AT_REST**2 * step.size:
+            break  # the model was as near
     before, slope = on_branch.light_and_slope(smooth)
     square = slope * slope
     information = gaussian_sum(square, WINDOW_PX)
@@ -266,7 +275,6 @@ class _OnBranch:
             )
             for part in (gain * height, turns, light - gain * wave.mean)
         )
-        self.shape = light.shape
 
     def light_and_slope(self, shift: Array) -> tuple[Array, Array]:
         """What is left of the light at a shift d (rows, cols) from the branches, and its slope."""
@@ -284,21 +292,6 @@ def _move(information: Array, answer: Array) -> Array:
     """How far an order moves by Σ w J² and Σ w J r, fringes: it stays on its branch."""
     step = answer / (information + np.float32(BRANCH**-2))
     return np.asarray(np.clip(step, -BRANCH, BRANCH, out=step))
-
-
-def _moved_by_wide_windows(on_branch: _OnBranch) -> Array:
-    """How far the orders lie from a model's over wide windows, on blocks of two pixels a side."""
-    shift = np.zeros(on_branch.shape, dtype=np.float32)
-    for _ in range(MOVES):
-        residual, slope = on_branch.light_and_slope(shift)
-        residual *= slope
-        slope *= slope
-        information = Windows(halved(slope), 2).sum(WIDE_PX)
-        step = _move(information, Windows(halved(residual), 2).sum(WIDE_PX))
-        shift += expanded(step, on_branch.shape, 2)
-        if float(np.vdot(step, step)) < AT_REST**2 * step.size:
-            break  # the model was as near
-    return shift
 
 
 def probability(uncertainty: Array) -> Array:

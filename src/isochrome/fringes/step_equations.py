@@ -154,19 +154,13 @@ def make_design(chains: Sequence[Chain]) -> StepDesign:
         # what leaks into the background alone does no harm: it is not used
         if design.leak < _LEAK:
             return design
-    raise InputError(
-        "polariscope_step_steps_do", chains_count=len(chains), missing=_missing(matrix)
-    )
-
-
-def _missing(matrix: Array) -> str:
-    """The unknowns that the steps do not resolve, each with the steps that would."""
+    # the unknowns that the steps do not resolve, each with the steps that would
     columns = _SETS[-1]
     _, values, right = np.linalg.svd(matrix[:, columns], full_matrices=False)
-    determined = right[values > _WEAKEST]
-    resolved = (determined**2).sum(axis=0)
+    resolved = (right[values > _WEAKEST] ** 2).sum(axis=0)
     poor = [j for j, r in zip(columns, resolved, strict=True) if j in _ADVICE and r < 0.9]
-    return ", nor ".join(_ADVICE[j] for j in poor or _ADVICE)
+    missing = ", nor ".join(_ADVICE[j] for j in poor or _ADVICE)
+    raise InputError("polariscope_step_steps_do", chains_count=len(chains), missing=missing)
 
 
 def solve_steps(stack: Array, design: StepDesign, direction: Array | None = None) -> StepTerms:
@@ -367,7 +361,12 @@ def measure_steps(
     usual = pooled(np.where(trusted, contrast, 0.0), _MISFIT_PX)
     readable = lit & (contrast > _LEAST_CONTRAST * maximum_filter(usual, _AROUND_PX))
     misfit, chi = step_misfit(light, design, sigma, readable & complete)
-    agrees = steps_agree(misfit, readable & complete)
+    # an element that is off turns the direction everywhere, also where the light hardly shows it:
+    # where most of the picture does not fit, nothing of it is believed; else all but a part's
+    compared = readable & complete
+    rms = float(np.sqrt(np.mean(np.square(misfit[compared])))) if compared.any() else 1.0
+    isolated = pooled(compared, _MISFIT_PX) < 0.5  # too few about it to compare with
+    agrees = (rms <= POOR_CHI) & (isolated | (misfit <= POOR_CHI * max(rms, 1.0)))
     times = np.maximum(misfit, 1.0)  # the noise over what was stated
     more = np.square(direction.scatter) * (np.square(times) - 1.0)
     direction = replace(
@@ -439,20 +438,6 @@ def step_misfit(
     weight = np.maximum(pooled(readable, _MISFIT_PX), 1e-6)
     misfit = np.sqrt(np.maximum(pooled(np.where(readable, square, 0.0), _MISFIT_PX), 0.0) / weight)
     return misfit, float(np.sqrt(np.mean(square[readable]))) if readable.any() else float("nan")
-
-
-def steps_agree(misfit: Array, readable: Mask) -> Mask:
-    """Where the light fits the steps as they are stated, so that its direction may be believed.
-
-    An element that is off turns the direction everywhere, also where the light hardly shows it:
-    where most of the picture does not fit, nothing of it is believed; where a part does not, that
-    part.
-    """
-    usual = float(np.sqrt(np.mean(np.square(misfit[readable])))) if readable.any() else 1.0
-    if usual > POOR_CHI:
-        return np.zeros(misfit.shape, dtype=bool)
-    isolated = pooled(readable, _MISFIT_PX) < 0.5  # too few about it to compare with
-    return np.asarray(isolated | (misfit <= POOR_CHI * max(usual, 1.0)))
 
 
 def phase_uncertainty(

@@ -524,14 +524,20 @@ def read_steps(
         cosine, readable = np.cos(2.0 * np.pi * reading.order), known
     else:
         cosine, readable = light.terms.cosine / np.maximum(light.contrast, 1e-30), specimen
-    few = []
+    lost = float(np.mean(~light.agrees[clear])) if clear.any() else 0.0
+    remarks = [*warnings]
+    if light.chi > POOR_CHI:
+        none = "" if light.agrees.any() else ": no isoclinic is given"
+        remarks.append(message("chi_steps_angles_plates", chi=light.chi, none=none))
+    if NOTABLE < lost < 1.0:
+        remarks.append(message("no_isoclinic_given_pixels", lost=100.0 * lost, poor_chi=POOR_CHI))
     if reading.kept < 0.5 and all(part.number is not None for part in parts):
-        few.append(message("only_specimen_pixels_could_read", kept=100 * reading.kept))
+        remarks.append(message("only_specimen_pixels_could_read", kept=100 * reading.kept))
     return SteppedReading(
         reading=reading, isoclinic=masked(0.5 * np.degrees(np.angle(field)), turned),
         isoclinic_uncertainty=masked(np.degrees(turn), turned),
         dark_field=masked(0.5 - 0.5 * cosine, readable), contrast=light.contrast.astype(np.float32),
-        chi=light.chi, parts=parts, warnings=(*warnings, *_of_steps(light, clear), *few),
+        chi=light.chi, parts=parts, warnings=tuple(remarks),
     )  # fmt: skip
 
 
@@ -573,15 +579,3 @@ def _of_load(
     )
     turn = swing / np.maximum(2.0 * np.abs(field), 1e-30)
     return field, uncertainty, turn, known & (uncertainty < LARGEST_UNCERTAINTY)
-
-
-def _of_steps(light: StepLight, clear: Mask) -> list[str]:
-    """What to say where the light does not fit the steps; `clear`, where it has a direction."""
-    lost = float(np.mean(~light.agrees[clear])) if clear.any() else 0.0
-    remarks = []
-    if light.chi > POOR_CHI:
-        none = "" if light.agrees.any() else ": no isoclinic is given"
-        remarks.append(message("chi_steps_angles_plates", chi=light.chi, none=none))
-    if NOTABLE < lost < 1.0:
-        remarks.append(message("no_isoclinic_given_pixels", lost=100.0 * lost, poor_chi=POOR_CHI))
-    return remarks

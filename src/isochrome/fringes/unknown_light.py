@@ -309,7 +309,6 @@ RELIEF_WIDTH = 0.03
 STRANGE = 0.15
 """What a pixel's colour leaves, of full light, beyond which it is not the table's."""
 
-_GAIN = 0.7
 _LEAST_SLOPE = 0.3
 
 BLOCKS = 150_000
@@ -430,13 +429,23 @@ class _State:
         return np.concatenate([getattr(look, name) for look in self.looks])
 
     def correction(self, known: Unknowns, hold: Array) -> tuple[Array, Array]:
-        """Change of the unknowns and their covariance, expected as by the equations `hold`."""
+        """Change of the unknowns and their covariance, every pixel's order being free.
+
+        `hold`, the normal equations of what is expected.
+        """
         equations = (look.equations for look in self.looks)
         design, residual, along = map(np.concatenate, zip(*equations, strict=True))
         share = len(residual) / TRIALS if known.table is None else 1.0
         back = known.expected - self.theta
-        step, covariance = _correction(design, residual, along, share * hold, back)
-        return step, share * covariance
+        flat, residual = _across(design, along), _across(residual, along)
+        size = np.sum(residual**2, axis=1)
+        usual = max(float(np.median(size)), 1e-12) if len(size) else 1.0
+        weight = 1.0 / (1.0 + (size / (9.0 * usual)) ** 2)
+        normal = np.einsum("p,pcn,pcm->nm", weight, flat, flat, optimize=True) + share * hold
+        right = np.einsum("p,pcn,pc->n", weight, flat, residual) + share * hold @ back
+        scale = max(1.0, usual / np.log(4.0))  # the median of chi² with two degrees of freedom
+        inverse = np.linalg.inv(normal)
+        return inverse @ right, share * scale * inverse
 
 
 def find_light(
@@ -602,7 +611,7 @@ def _search(
             sums = np.sum([look.relief for look in state.looks], axis=0)
             width = RELIEF_WIDTH * max(relief.shape)
             smoothed, size = (gaussian_filter(part, width) for part in sums)
-            relief = relief * (1.0 + _GAIN * smoothed / (size + 0.01))
+            relief = relief * (1.0 + smoothed / (size + 0.01))
     tables = [each.table.signal for each in (before or state, state)]
     both = min(map(len, tables))
     return state, float(np.abs(tables[0][:both] - tables[1][:both]).max())
@@ -626,7 +635,7 @@ def added_bend(state: _State, length: int) -> Array:
     mean = (np.array(total) / (count + 1.0)).T
     added = np.zeros((length, 3))
     smooth = gaussian_filter1d(table.slope, 0.5 * width, axis=0)
-    added[:size] = _GAIN * _across(mean, smooth, _LEAST_SLOPE)
+    added[:size] = _across(mean, smooth, _LEAST_SLOPE)
     return added
 
 
@@ -683,24 +692,6 @@ def _across(part: Array, along: Array, least: float = 1e-9) -> Array:
     unit = along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), least)
     explained = np.einsum("pc,pc...->p...", unit, part)
     return np.asarray(part - np.einsum("pc,p...->pc...", unit, explained))
-
-
-def _correction(
-    design: Array, residual: Array, along: Array, hold: Array, back: Array
-) -> tuple[Array, Array]:
-    """Change of the unknowns with every pixel's order free, and their covariance.
-
-    All weighted by 1/sigma; `along`, dI/dN; `hold`, the prior's equations, `back` from its middle.
-    """
-    flat, residual = _across(design, along), _across(residual, along)
-    size = np.sum(residual**2, axis=1)
-    usual = max(float(np.median(size)), 1e-12) if len(size) else 1.0
-    weight = 1.0 / (1.0 + (size / (9.0 * usual)) ** 2)
-    normal = np.einsum("p,pcn,pcm->nm", weight, flat, flat, optimize=True) + hold
-    right = np.einsum("p,pcn,pc->n", weight, flat, residual) + hold @ back
-    scale = max(1.0, usual / np.log(4.0))  # the median of chi² with two degrees of freedom
-    inverse = np.linalg.inv(normal)
-    return inverse @ right, scale * inverse
 
 
 def _noise(frame: Array, valid: Mask) -> Array:

@@ -201,30 +201,26 @@ class BinnedTrace:
         return float(self.x_mm[1] - self.x_mm[0])
 
 
-def without_spikes(z_um: Array) -> Mask:
-    """Which points are near the running median of their neighbours, and so no spikes (n,)."""
-    half = min(_HALF_WINDOW, (len(z_um) - 1) // 4)
-    padded = np.pad(z_um, half, mode="reflect", reflect_type="odd")
-    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1)
-    away = np.abs(z_um - np.median(windows, axis=1))
-    size = 1.4826 * float(np.median(away))
-    largest = float(np.abs(z_um).max())
-    return np.asarray(away <= max(STANDS_OUT * size, 1e-9 * largest))
-
-
 def bin_trace(trace: Trace) -> BinnedTrace:
     """Means over bins without spikes; points at unequal x carry no tilt into them."""
     x, z = trace.x_mm, trace.z_um
     slope = (z[-1] - z[0]) / (x[-1] - x[0])
     line = slope * (x - x[0])
-    good = without_spikes(z - line)
+    # spikes lie off the running median of their neighbours
+    heights = z - line
+    half = min(_HALF_WINDOW, (len(z) - 1) // 4)
+    padded = np.pad(heights, half, mode="reflect", reflect_type="odd")
+    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1)
+    away = np.abs(heights - np.median(windows, axis=1))
+    size, largest = 1.4826 * float(np.median(away)), float(np.abs(heights).max())
+    good = away <= max(STANDS_OUT * size, 1e-9 * largest)
     count = min(MOST_BINS, len(x) // 2)
     step = (x[-1] - x[0]) / count
     place = np.minimum(((x - x[0]) / step).astype(int), count - 1)
     members = np.bincount(place[good], minlength=count)
     filled = members == 0
     middle = x[0] + step * (np.arange(count) + 0.5)
-    mean = np.bincount(place[good], (z - line)[good], minlength=count) / np.maximum(members, 1)
+    mean = np.bincount(place[good], heights[good], minlength=count) / np.maximum(members, 1)
     mean[filled] = np.interp(middle[filled], middle[~filled], mean[~filled])
     z_um = mean + slope * (middle - x[0])
     return BinnedTrace(trace.name, middle, z_um, filled, int((~good).sum()))

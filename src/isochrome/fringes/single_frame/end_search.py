@@ -308,7 +308,20 @@ def eliminated(data: PatchData, ends: PatchEnds, orders: Array) -> EndEquations:
     parts = data.weight, weighted, pull
     weight, weighted, pull = (np.where(regular[:, None], part, 0.0) for part in parts)
     inverse = np.where(regular[:, None, None], inverse, 0.0)
-    matrix, slope = _of_ends(data, now, weight)
+
+    def summed(values: Array) -> Array:
+        """Over what patches, which overlap, have at a pixel of the frame."""
+        light = problem.light
+        flat = np.bincount(data.pixels.ravel(), weights=values.ravel(), minlength=light.size)
+        return flat.reshape(light.shape)
+
+    # first with the orders held
+    parts_of = list(zip(problem.found, now.columns, strict=True))
+    matrix = np.block(
+        [[a.products(b, summed(weight * u * v)) for b, v in parts_of] for a, u in parts_of]
+    )
+    light = weight * now.residual
+    slope = np.concatenate([one.along(summed(light * u)) for one, u in parts_of])
     images = zip(data.images, now.columns, strict=True)
     mixed = np.concatenate(
         [(BASIS.T * (weighted * u)[:, None]) @ one for one, u in images], axis=-1
@@ -321,23 +334,6 @@ def eliminated(data: PatchData, ends: PatchEnds, orders: Array) -> EndEquations:
     slope = slope - inner[:, -1] - (prior * away)[free]
     spread = np.where(regular, np.sqrt(inverse[:, 0, 0]), np.inf)
     return EndEquations(matrix, slope, solved[..., -1], solved[..., :-1], spread)
-
-
-def _of_ends(data: PatchData, now: PatchModel, weight: Array) -> tuple[Array, Array]:
-    """Normal equations of the free unknowns, the orders held, of patches that overlap."""
-
-    def summed(values: Array) -> Array:
-        light = data.problem.light
-        flat = np.bincount(data.pixels.ravel(), weights=values.ravel(), minlength=light.size)
-        return flat.reshape(light.shape)
-
-    parts = list(zip(data.problem.found, now.columns, strict=True))
-    matrix = [
-        [one.products(other, summed(weight * u * v)) for other, v in parts] for one, u in parts
-    ]
-    light = weight * now.residual
-    slope = [one.along(summed(light * u)) for one, u in parts]
-    return np.block(matrix), np.concatenate(slope)
 
 
 _ROUNDS, _EVERY = 24, 4

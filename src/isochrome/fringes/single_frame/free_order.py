@@ -555,8 +555,22 @@ def common_reading(readings: Sequence[FreeReading]) -> FreeReading:
         return best
     error = _disagreement(best.reading.order, orders)
     reading = less_sure(best.reading, error, LARGEST_UNCERTAINTY)
-    note = _of_what_is_lost(best.reading, reading, orders)
-    return replace(best, reading=reading, said=(*best.said, *note))
+    before = best.reading.order
+    lost = np.isfinite(before) & ~np.isfinite(reading.order)
+    share = float(lost.sum() / max(1, int(np.isfinite(before).sum())))
+    if share < NOTABLE:
+        return replace(best, reading=reading)
+    note = message("another_smooth_light_explains", share=100.0 * share)
+    for order in orders:
+        away = np.where(lost, np.abs(order - before), np.nan)
+        if (away > APART).any():  # else no known order rules either light out
+            at = innermost(clearly_apart(away))
+            first, second = sorted((float(before[at]), float(order[at])))
+            note += message(
+                "known_order_row_column", at=at[0], at_2=at[1], first=first, second=second
+            )
+            break
+    return replace(best, reading=reading, said=(*best.said, note))
 
 
 def common_orders(
@@ -583,23 +597,3 @@ def _disagreement(order: Array, orders: Sequence[Array]) -> Array:
     """How far others are from an order, root sum of squares; inf where one is not known."""
     square = np.sum([(order - other) ** 2 for other in orders], axis=0)
     return np.sqrt(np.where(np.isnan(square), np.inf, square))
-
-
-def _of_what_is_lost(before: OrderReading, after: OrderReading, orders: list[Array]) -> list[str]:
-    """What to say of pixels that other lights take away."""
-    read = np.isfinite(before.order)
-    lost = read & ~np.isfinite(after.order)
-    share = float(lost.sum() / max(1, int(read.sum())))
-    if share < NOTABLE:
-        return []
-    note = message("another_smooth_light_explains", share=100.0 * share)
-    for order in orders:
-        away = np.where(lost, np.abs(order - before.order), np.nan)
-        if (away > APART).any():  # else no known order rules either light out
-            at = innermost(clearly_apart(away))
-            first, second = sorted((float(before.order[at]), float(order[at])))
-            note += message(
-                "known_order_row_column", at=at[0], at_2=at[1], first=first, second=second
-            )
-            break
-    return [note]
