@@ -390,16 +390,23 @@ def worn_states(
     if not later:
         return
     if last is not None:
-        dose = last.stop.dose_mm_per_mpa
-        if sharp is None and (course.next_jump(dose) < np.inf or max(pauses, default=0.0) > dose):
-            sharp = _sharp_depth(site, course, last)  # an edge may be overrun
-        start = dose, scar_on_nodes(last, site.grid.x_mm)[1] if sharp is None else sharp
+        start = _after_scar(site, course, last, sharp, last_pause=max(pauses, default=0.0))
     share = 1.0 if course.steady else _AFTER
     history = wear_history(
         site.surface, site.gap_mm, course, later, tolerance=share * tolerance, start=start
     )
     for stop, worn in zip(later, history, strict=True):
         yield _state(site, stop, worn.contact, worn.depth_mm)
+
+
+def _after_scar(
+    site: ContactSetup, history: SlidingHistory, scar: Scar, sharp: Floats | None, last_pause: float
+) -> tuple[float, Floats]:
+    """Dose and depth where the grid goes on from a scar: sharp where an edge may be overrun."""
+    dose = scar.stop.dose_mm_per_mpa
+    if sharp is None and (history.next_jump(dose) < np.inf or last_pause > dose):
+        sharp = _sharp_depth(site, history, scar)
+    return dose, scar_on_nodes(scar, site.grid.x_mm)[1] if sharp is None else sharp
 
 
 def _scars(

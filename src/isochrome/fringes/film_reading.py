@@ -287,8 +287,8 @@ class FilmPath:
             read = key if index > self._begin else None
             due = read is not None and (breaks or index % every == 0)
             if due or index in (0, self._begin) or index % self.chunk == 0:
-                state = self._state
-                if read is not None and state.known.any():  # the next one finds what is not right
+                if read is not None:  # the next key frame finds what is not right
+                    state = self._state
                     order, known = regained(state.order, state.known, wave, valid)
                     self._state = replace(state, order=order, known=known)
                 if read is not None and due and (new := read()) is not None:

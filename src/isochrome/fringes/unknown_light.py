@@ -394,7 +394,7 @@ class _Look:
     `pixels`, their numbers; `place`, rows of the table that these are nearest to, and `away`, their
     signals less the table's; `square`, mean square of that in each pixel; `order`; `torn`, share of
     pixels beside a jump; `cost`, -2 ln of the likelihood; `misfit`, chi² of each pixel; `relief`,
-    sums for what frames add to it.
+    sums for `added_relief`.
     """
 
     equations: tuple[Array, Array, Array]
@@ -585,9 +585,9 @@ def _search(
     To where that rests, and the table's last change, 1 where it led away from there.
     """
     theta, least = known.start.copy(), _LEAST_DOUBT[known.table is None]
-    doubt = STRANGE if brightness is None else least
+    doubt = STRANGE
     if brightness is not None:
-        theta[known.frames] = brightness
+        doubt, theta[known.frames] = least, brightness
     bend = np.zeros((int(known.highest_order / STEP) + 2, 3))  # added to the bands' table
     relief = np.ones(known.shots.raw.shape[1:3])  # a factor of the illumination
     before: _State | None = None
@@ -606,12 +606,7 @@ def _search(
         doubt = max(0.5 * doubt, least)
         if known.table is None and turn >= UNSMOOTH_FROM:
             bend = bend + added_bend(state, len(bend))
-            # what frames add: Σ r·a / Σ a·a over a window and all frames, r the rests and a the
-            # signals, both across the curve of colours
-            sums = np.sum([look.relief for look in state.looks], axis=0)
-            width = RELIEF_WIDTH * max(relief.shape)
-            smoothed, size = (gaussian_filter(part, width) for part in sums)
-            relief = relief * (1.0 + smoothed / (size + 0.01))
+            relief = relief * (1.0 + added_relief(state))
     tables = [each.table.signal for each in (before or state, state)]
     both = min(map(len, tables))
     return state, float(np.abs(tables[0][:both] - tables[1][:both]).max())
@@ -637,6 +632,17 @@ def added_bend(state: _State, length: int) -> Array:
     smooth = gaussian_filter1d(table.slope, 0.5 * width, axis=0)
     added[:size] = _across(mean, smooth, _LEAST_SLOPE)
     return added
+
+
+def added_relief(state: _State) -> Array:
+    """What frames add to the relief, over it: Σ r·a / Σ a·a over a window and all frames.
+
+    r the rests and a the signals, both across the curve of colours.
+    """
+    sums = np.sum([look.relief for look in state.looks], axis=0)
+    width = RELIEF_WIDTH * max(sums.shape[1:])
+    smoothed, size = (gaussian_filter(part, width) for part in sums)
+    return np.asarray(smoothed / (size + 0.01))
 
 
 def _look(
