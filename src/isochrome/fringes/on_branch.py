@@ -40,9 +40,9 @@ from isochrome.optics import FringeWave
 _STEADY_PX = 4.0
 """Over which an added light is taken as even, and a bump is one."""
 WIDE_PX = 5.0
-_WINDOWS_PX = ((WIDE_PX, 8.0), (12.0, 16.0))
-"""Wider ones, for which blocks of four pixels a side are enough: over which the order follows, and
-the light is even."""
+_FOLLOWED_PX = (WIDE_PX, 12.0)
+"""Wider ones over which the order follows, for which blocks of four pixels a side are enough; the
+light is even over twice and four times the first."""
 _AROUND_PX = 20.0
 """Window of a bump's surroundings."""
 _SHOWN = 0.55
@@ -80,11 +80,11 @@ def stray_variance(
     of_even = pairs.shift("even", WINDOW_PX)
     size, open_ = pairs.told(of_even, pairs.shift("light", WINDOW_PX), _STEADY_PX)
     wider, shape = _Blocks(4, {name: halved(mean) for name, mean in means.items()}), size.shape
-    for follow, steady in _WINDOWS_PX:
+    for k, follow in enumerate(_FOLLOWED_PX, start=1):
         bent = wider.bent("even", follow), wider.bent("light", follow)
-        clear, variance = wider.told(*bent, steady)
+        clear, variance = wider.told(*bent, 2.0**k * _STEADY_PX)
         np.maximum(size, expanded(clear, shape, 2), out=size)
-        if follow < _AROUND_PX / 2.0:  # crests that are near
+        if k == 1:  # crests that are near
             np.minimum(open_, expanded(variance, shape, 2), out=open_)
     size *= of_even * of_even
     if shift is not None:
