@@ -40,7 +40,6 @@ import numpy as np
 from scipy.ndimage import label
 
 from isochrome.fringes.on_branch import (
-    AT_REST,
     LARGEST_UNCERTAINTY,
     NOTABLE,
     STEEPEST,
@@ -344,6 +343,8 @@ _LEAST_PIXELS = 7 * SIDE // 2
 """Pixels, after binning, of the shorter side of a frame: three patches and a half without overlap.
 """
 _LEAST_COVER = 0.15
+_GROUND = 1e-3
+"""Standard deviation of what a quadratic cannot follow, added to a patch's own, fringes."""
 
 
 @dataclass(frozen=True)
@@ -519,7 +520,7 @@ def _dense(patches: Patches, terms: Array, valid: Mask) -> OrderReading:
     terms = np.where(use[..., None], terms, 0.0)
     usual = np.median(patches.chi[use]) if use.any() else 1.0
     of_patch = patches.spread[..., 0] * np.clip(patches.chi, min(usual, 1.0), 1.0)
-    trust = np.where(use, 1.0 / (of_patch**2 + AT_REST**2), 0.0)
+    trust = np.where(use, 1.0 / (of_patch**2 + _GROUND**2), 0.0)
     dy, dx, window = offsets()
     orders = np.abs(terms.reshape(-1, 6) @ basis(dy.astype(float), dx.astype(float)).T)
     sums = np.zeros((4, *valid.shape))
