@@ -331,7 +331,7 @@ class WearCalibration(Result):
     def coefficient_by(self, law: str) -> tuple[float, float] | None:
         """The coefficient by a law of one parameter, and its uncertainty; None if not asked.
 
-        The common inputs' relative uncertainty is that by Archard's law. Parameters: `law`.
+        The common inputs' relative uncertainty is that by Archard's law.
         """
         chosen = next((fit for fit in self.laws if fit.law == law), None)
         if chosen is None:

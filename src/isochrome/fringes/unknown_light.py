@@ -389,7 +389,7 @@ class FrameLight:
 
 @dataclass(frozen=True, kw_only=True)
 class _Look:
-    """What one frame says: `equations` of some of its pixels, see `_correction`.
+    """What one frame says: `equations` of some of its pixels, see `_State.correction`.
 
     `pixels`, their numbers; `place`, rows of the table that these are nearest to, and `away`, their
     signals less the table's; `square`, mean square of that in each pixel; `order`; `torn`, share of
