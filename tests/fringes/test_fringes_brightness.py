@@ -5,7 +5,8 @@ import pytest
 
 from isochrome.fringes import ColourShots
 from isochrome.fringes.band_light import NUMBERS, SENSOR
-from isochrome.fringes.unknown_light import BRIGHTNESS_OFF, unknowns
+from isochrome.fringes.unknown_light import unknowns
+from isochrome.fringes.windows import ALIKE
 
 ROW, COL = np.mgrid[:60, :80].astype(float)
 FRAMES = slice(NUMBERS + 1, NUMBERS + 4)
@@ -30,5 +31,5 @@ def test_a_dark_first_frame_is_no_measure_of_the_others():
     assert (known.expected[FRAMES] == 0.0).all()
     # the brightest frame is the measure; the others are free, and expected to be alike
     held = np.diag(known.hold_at(known.start) - known.hold)[FRAMES]
-    assert held == pytest.approx(1.0 / (BRIGHTNESS_OFF**2 + known.start[FRAMES] ** 2), rel=1e-12)
+    assert held == pytest.approx(1.0 / (ALIKE**2 + known.start[FRAMES] ** 2), rel=1e-12)
     assert np.flatnonzero(np.diag(known.hold)[FRAMES] > 0.0).tolist() == [1]

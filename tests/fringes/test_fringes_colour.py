@@ -159,7 +159,7 @@ def test_one_channel_alone_tells_no_order(monkeypatch):
     over, alone = shot.frame.copy(), np.zeros(HALF, bool)
     alone[60:120, 80:200] = alone[130::7, ::7] = True  # single ones too, whose block knows more
     over[alone, :2] = 255  # red and green are saturated there
-    monkeypatch.setattr(colour_order, "BINNED_FROM", 1)
+    monkeypatch.setattr(colour_order, "BLOCKS", 1)
     got = Shot(over, shot.dark, shot.bright, shot.order, shot.table, shot.noise, 1.0).read()
     assert not np.isfinite(got.order[alone]).any()
     assert np.isfinite(got.order[130:][~alone[130:]]).mean() > 0.95

@@ -39,8 +39,11 @@ from isochrome.figures import (
 from isochrome.frames import CHANNELS, as_captured, estimate_noise, load_mask, to_linear
 from isochrome.fringes import (
     ALIKE,
+    FOUND_ERROR,
+    LOST,
     STEP,
     STRANGE,
+    WIDTH,
     ColourShots,
     ColourTable,
     OwnLight,
@@ -61,10 +64,8 @@ if TYPE_CHECKING:
 Array = NDArray[Any]
 
 _PIXELS = 4_000
-_CELL = 0.02
 _ROWS = 1.5
 _TILTS = 9
-_LEAST_SHARE = 0.5
 _LARGEST_SCATTER = 0.2
 
 
@@ -89,7 +90,7 @@ def known_beam_order(signal: Array, beam: ColourBeam, load_n: float, pixel_mm: f
     def cost(line: Sequence[float]) -> float:
         return _scatter(place, colours, line, slope, half)
 
-    step = max(2.0 * _CELL / slope, 0.5)
+    step = max(2.0 * WIDTH / slope, 0.5)
     tops = np.arange(rows.min(), rows.max() + step, step)
     tilts = np.tan(np.radians(np.linspace(-LARGEST_TILT, LARGEST_TILT, _TILTS)))
     best = np.array(min(product(tops, tilts), key=cost))
@@ -116,11 +117,11 @@ def _scatter(
     reach = min(half, float(away.max()), float(-away.min()))  # where there are two sides
     away = np.abs(away)
     inside = away < reach
-    if np.count_nonzero(inside) < _LEAST_SHARE * len(away):
+    if 2 * np.count_nonzero(inside) < len(away):
         return 1.0
     colours = colours[inside]
     # cells are so wide that each has rows of both sides
-    cell = (slope * away[inside] / max(_CELL, _ROWS * slope)).astype(int)
+    cell = (slope * away[inside] / max(WIDTH, _ROWS * slope)).astype(int)
     count = np.maximum(np.bincount(cell), 1)
     within = 0.0
     for channel in colours.T:
@@ -142,7 +143,7 @@ def image_exposures(
     Lights, `dark` and `contrast` (rows, cols, 3), orders (rows, cols), NaN = not trusted or off the
     beam. PhysicsError where the images have no order in common.
     """
-    cells = int(max(np.nanmax(order) for order in orders) / _CELL) + 1
+    cells = int(max(np.nanmax(order) for order in orders) / WIDTH) + 1
     sums = [_sums(*pair, dark, contrast, cells) for pair in zip(light, orders, strict=True)]
     count, lit, low = np.moveaxis(np.stack(sums), 1, 0)
     lit, low = lit / np.maximum(count, 1.0), low / np.maximum(count, 1.0)
@@ -150,7 +151,7 @@ def image_exposures(
     weight = np.maximum(count.sum(axis=0), 1.0)
     table = ((factors[:, None, None] * lit - low) * count).sum(axis=0) / weight
     covered = count.sum(axis=0).all(axis=1)
-    places = _CELL * (np.flatnonzero(covered) + 0.5)
+    places = WIDTH * (np.flatnonzero(covered) + 0.5)
     away = np.log(band_scale(places, table[covered], bright=bright) / factors)
     nearest = away[np.argmin(np.abs(away))]
     if abs(nearest) < SAME:
@@ -163,7 +164,7 @@ def _sums(light: Array, order: Array, dark: Array, contrast: Array, cells: int) 
     sums = np.zeros((3, cells, light.shape[-1]))
     for c in range(light.shape[-1]):
         known = np.isfinite(order) & np.isfinite(light[..., c])
-        cell = (order[known] / _CELL).astype(int)
+        cell = (order[known] / WIDTH).astype(int)
         size = contrast[..., c][known]
         parts = (np.ones(len(cell)), light[..., c][known] / size, dark[..., c][known] / size)
         sums[:, :, c] = [np.bincount(cell, weights=part, minlength=cells) for part in parts]
@@ -240,17 +241,12 @@ def _read(
     return (levels, sigma, valid), depth
 
 
-LARGEST_STRANGE = 0.03
-"""Share of pixels whose colours are not the table's, or that lie beside a jump of the order, from
-which on a calibration is refused."""
-
 LARGEST_MOVE = 0.05
 """Change of the table in the last round, of full light, from which on it has not settled."""
 
 LEAST_ORDER = 1.2
 """Order that the images must reach: before that, colours say little of the light."""
 
-_POOR_RESIDUAL = 0.03
 _BRIGHTEST = 0.95
 
 
@@ -493,7 +489,7 @@ def check_light(light: OwnLight, given: ColourSet) -> None:
         raise PhysicsError(
             "images_reach_least_needed", what=what, highest=light.highest, least_order=LEAST_ORDER
         )
-    if max(light.strange, light.torn) > LARGEST_STRANGE:
+    if max(light.strange, light.torn) >= LOST:
         strange, torn = 100 * light.strange, 100 * light.torn
         raise PhysicsError(
             "pixels_off_table_order", what=what, strange=strange, torn=torn, advice=advice
@@ -511,7 +507,7 @@ def _of_light(
     bands = band_light(light.numbers)
     middle = wavelength / bands.ratio
     messages = [message("orders_count_nm_taken", wavelength=wavelength)]
-    if light.residual > _POOR_RESIDUAL:
+    if light.residual > FOUND_ERROR:
         messages.append(message("table_leaves_full_light", residual=light.residual))
     ends = shots.dark is None or shots.bright is None
     standard = int(np.argmin(np.abs(np.log(light.brightness))))

@@ -109,12 +109,6 @@ def archard_of(laws: Sequence[WearLawFit]) -> WearLawFit:
     return next(fit for fit in laws if fit.law == "archard")
 
 
-def work_of(volume: WornVolume, law: str) -> float:
-    """What a volume is k times of, x of a law of one parameter, N mm."""
-    wear = Wear(coefficient_mm2_per_n=1.0, law=law, distances_m=(volume.distance_m,))
-    return volume.work_n_mm * float(wear_rate(wear, volume.friction or 0.0, volume.distance_m))
-
-
 def fit_laws(volumes: Sequence[WornVolume], spread: Array) -> tuple[WearLawFit, ...]:
     """The laws by falling evidence; `spread` (n,): the volumes' own errors, mm³.
 
@@ -125,8 +119,12 @@ def fit_laws(volumes: Sequence[WornVolume], spread: Array) -> tuple[WearLawFit, 
     laws = ["archard"]
     if all(volume.friction for volume in volumes):
         laws += ["sarkar", "dissipated_energy"]
-    works = {law: np.array([work_of(volume, law) for volume in volumes]) for law in laws}
-    fits = [_fit_law(law, work, values, spread) for law, work in works.items()]
+    fits = []
+    for law in laws:
+        wear = Wear(coefficient_mm2_per_n=1.0, law=law, distances_m=(1.0,))
+        rates = [float(wear_rate(wear, v.friction or 0.0, v.distance_m)) for v in volumes]
+        work = np.array([v.work_n_mm * rate for v, rate in zip(volumes, rates, strict=True)])
+        fits.append(_fit_law(law, work, values, spread))
     if len({volume.distance_m for volume in volumes}) > 2:
         fits.append(_running_in(volumes, values, spread))
     best = max(fit.log_evidence for fit in fits)
@@ -333,7 +331,7 @@ class WearCalibration(Result):
     def coefficient_by(self, law: str) -> tuple[float, float] | None:
         """The coefficient by a law of one parameter, and its uncertainty; None if not asked.
 
-        The common inputs' relative uncertainty is that by Archard's law. Parameters: `law`.
+        The common inputs' relative uncertainty is that by Archard's law.
         """
         chosen = next((fit for fit in self.laws if fit.law == law), None)
         if chosen is None:

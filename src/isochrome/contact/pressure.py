@@ -130,11 +130,10 @@ def combined(
 
 
 def log_of_hat(nodes: int, spacing_mm: float) -> Floats:
-    r"""Integrals ∫ hat(t) ln|x_j - t| dt for lags j = 0 .. nodes-1, hat of half-width h.
+    """Integrals ∫ hat(t) ln|x_j - t| dt (mm) for lags j = 0 .. nodes-1, hat of half-width h.
 
-    Equation: [F(x+h) - 2F(x) + F(x-h)]/h with F = x² ln|x|/2 - 3x²/4 near by, and the hat's
-    moments, h (ln x - Σ_m (h/x)^{2m} / (m (2m+1) (2m+2))), from lag 20, where F cancels.
-    Parameters: `nodes`; `spacing_mm` h (mm). Returns (nodes,), mm.
+    [F(x+h) - 2F(x) + F(x-h)]/h with F = x² ln|x|/2 - 3x²/4 near by, and the hat's moments,
+    h (ln x - Σ_m (h/x)^{2m} / (m (2m+1) (2m+2))), from lag 20, where F cancels.
     """
     lag = np.arange(nodes, dtype=float)
     far_lag = np.maximum(lag, _NEAR)
@@ -175,11 +174,9 @@ FAR_MM = 1e3
 
 
 def undeformed_gap(scene: Scene, x_mm: Floats) -> Floats:
-    """Gap between the unloaded bodies, up to a constant.
+    """Gap between the unloaded bodies (mm), up to a constant; InputError on an unusable profile.
 
-    Equation: x²/(2R) for a cylinder, 0 between a flat's corners, and what the profile file adds.
-    Parameters: `scene`, with an indenter; `x_mm` (n,). Returns (n,), mm. Raises InputError on a
-    profile file that cannot be used.
+    x²/(2R) for a cylinder, 0 between a flat's corners, and what the profile file adds.
     """
     indenter = scene.pressed_body
     gap = np.zeros_like(x_mm)
@@ -195,11 +192,10 @@ def undeformed_gap(scene: Scene, x_mm: Floats) -> Floats:
 
 
 def read_profile(path: Path) -> tuple[Floats, Floats]:
-    """A measured profile: a CSV file with the columns x_mm and gap_mm (or gap_um).
+    """A measured profile, x rising and gap (mm): a CSV file with columns x_mm and gap_mm or gap_um.
 
-    A profile may be measured from anywhere: its smallest gap is taken as 0, since the rounding of a
-    datum would be felt as roughness.
-    Returns x (m,) rising and the gap (m,), mm. Raises InputError that names the file and the fix.
+    Its smallest gap is taken as 0, since the rounding of a datum would be felt as roughness.
+    InputError names the file and the fix.
     """
     try:
         stat = path.stat()

@@ -256,8 +256,8 @@ with the tolerance by this power besides. p_max and depth then err 0.1 to 0.4 of
 _FINEST_ERROR = 1e-8
 """Least error that is allowed: rounding is felt below it at the first doses of a strongly coupled
 contact (measured: with 1.5e-9 the steps of course 69 shrink to nothing, and nobody is told)."""
-_REPEATED, _UNFORESEEN = 2, 2
-"""Newton steps taken again in the first steps, whose forecast knows too little of the past."""
+_REPEATED = 2
+"""Newton steps taken again in as many first steps, whose forecast knows too little of the past."""
 _REJECT = 4.0
 """Forecast errors over the allowed one at which a step is taken again."""
 _FIRST = 1.5e-3
@@ -441,7 +441,7 @@ def _advance(
     base = -span * _mix(slope[1:], [point.state for point in past])
     forecast = _at(points, dose).state
     new, change = equations.step(dose, span, base, forecast)
-    for _ in range(_REPEATED if len(points) <= _UNFORESEEN else 0):
+    for _ in range(_REPEATED if len(points) <= _REPEATED else 0):
         new, more = equations.step(dose, span, base, new.state)
         change = change + more
     n = len(new.pressure)

@@ -23,7 +23,7 @@ Rate = Callable[[Floats], Floats]
 """Dose over the distance slid, at distances (m)."""
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
-_LEGENDRE = np.polynomial.Legendre.basis(8)
+_LEGENDRE = np.polynomial.Legendre.basis(len(_NODES))
 _INNER = np.real(_LEGENDRE.deriv().roots())
 _INNER_WEIGHTS = 2.0 / (72.0 * _LEGENDRE(_INNER) ** 2)
 """Gauss-Lobatto's rule, as exact as Gauss's by other nodes, of which these lie inside."""

@@ -130,8 +130,12 @@ def wear_history(
     past: _Past | None = None
     share = 1.0 if history.steady else _CHANGING
     scale = (gap_mm[contact.pressure > 0.0].max() - gap_mm.min()) / contact.pressure.max()
-    relaxing, careful = float(surface.lattice_normal[-1]), _CAREFUL * tolerance**0.5
-    near = _Near(relaxing, careful, paused_doses(history, stops))
+    # the dose in which the shortest wave relaxes, the share of what is left that a step takes
+    # towards a jump, and the doses of states that are one
+    near = (
+        float(surface.lattice_normal[-1]), min(_CAREFUL * tolerance**0.5, _APPROACH),
+        paused_doses(history, stops),
+    )  # fmt: skip
     first = 1e-3 * tolerance**0.5 * max(scale, stops[-1].dose_mm_per_mpa * 1e-6)
     step = first
     for stop in stops:
@@ -155,32 +159,23 @@ def wear_history(
         yield replace(now, contact=settled)
 
 
-@dataclass(frozen=True)
-class _Near:
-    """How steps shorten: the dose in which the shortest wave relaxes, the share of what is left
-    that a step takes towards a jump, and the doses of states that are one."""
+def _size(
+    history: SlidingHistory, dose: float, stop: OutputState, step: float,
+    near: tuple[float, float, frozenset[float]],
+) -> tuple[float, float]:  # fmt: skip
+    """The next step's size and the dose where it ends: the stop and breaks are met exactly."""
+    relaxing, careful, pauses = near
 
-    relaxing: float
-    careful: float
-    pauses: frozenset[float]
-
-    def longest(self, remaining: float, *, jumps: bool) -> float:
-        """The longest step where this much is left to a dose, at which they may jump."""
-        share = min(self.careful, _APPROACH) if jumps else _APPROACH
-        settle = min(share, _SETTLE) * self.relaxing
+    def longest(remaining: float, share: float) -> float:
+        settle = min(share, _SETTLE) * relaxing
         return remaining if remaining <= settle else max(settle, share * remaining)
 
-
-def _size(
-    history: SlidingHistory, dose: float, stop: OutputState, step: float, near: _Near
-) -> tuple[float, float]:
-    """The next step's size and the dose where it ends: the stop and breaks are met exactly."""
     remaining, until = stop.dose_mm_per_mpa - dose, history.next_break(dose * (1.0 + SAME)) - dose
-    size, beyond = min(step, near.longest(remaining, jumps=False)), dose * (1.0 + SAME)
-    pause = min((k for k in near.pauses if k > beyond), default=float("inf"))
+    size, beyond = min(step, longest(remaining, _APPROACH)), dose * (1.0 + SAME)
+    pause = min((k for k in pauses if k > beyond), default=float("inf"))
     jump = min(history.next_jump(beyond), pause) - dose
     if jump < float("inf"):
-        size = min(size, near.longest(jump, jumps=True))
+        size = min(size, longest(jump, careful))
     if size >= until and until < remaining:
         return until, dose + until
     if 2.0 * size > until and until < remaining:  # two halves, not a whole and a sliver
@@ -559,7 +554,15 @@ def refuse_unfit(scene: Scene, state: SurfaceState) -> None:
         raise PhysicsError(
             "contact_has_only_nodes", name=name, count=count, spacing_mm=h, fewest_nodes=fewest
         )
-    _refuse_end_of_profile(scene, state.grid, inside)
+    file = scene.profile_file
+    if file is not None:  # its last row is where the measurement ends, not a corner of the body
+        x, _ = read_profile(scene.path(file))
+        known = np.flatnonzero((state.grid.x_mm >= x[0]) & (state.grid.x_mm <= x[-1]))
+        ends = [(k, end) for k, end in ((known[0], x[0]), (known[-1], x[-1])) if inside[k]]
+        if ends:
+            raise PhysicsError(
+                "contact_reaches_end_profile", name=name, profile_file=file, ends=ends[0][1]
+            )
     modulus, _ = elastic_constants(scene)
     mean = float(state.pressure_mpa[inside].mean())
     if not mean <= STRONGEST * modulus:
@@ -570,20 +573,6 @@ def refuse_unfit(scene: Scene, state: SurfaceState) -> None:
     if not depth <= STEEPEST * half:
         raise PhysicsError(
             "scar_would_mm_deep", name=name, distance_m=s, depth=depth, deepest=STEEPEST, half=half
-        )
-
-
-def _refuse_end_of_profile(scene: Scene, grid: ContactGrid, inside: np.ndarray) -> None:
-    """A file's last row is where the measurement ends, not a corner of the body."""
-    file = scene.profile_file
-    if file is None:
-        return
-    x, _ = read_profile(scene.path(file))
-    known = np.flatnonzero((grid.x_mm >= x[0]) & (grid.x_mm <= x[-1]))
-    ends = [(k, end) for k, end in ((known[0], x[0]), (known[-1], x[-1])) if inside[k]]
-    if ends:
-        raise PhysicsError(
-            "contact_reaches_end_profile", name=scene.name, profile_file=file, ends=ends[0][1]
         )
 
 
@@ -697,25 +686,17 @@ def _static_state(site: ContactSetup, load: float) -> SurfaceState:
     held = scene.load.tangential_n if scene.load else None
     shear: Floats = np.zeros(grid.nodes)
     if held and scene.specimen.thickness_mm:
-        shear = _partial_slip(site, contact, load, held / scene.specimen.thickness_mm, mu)
+        # q = mu [p(P') - p(P' - Q'/mu)], for any profile, without coupling. Sources: Jäger (1998),
+        # Arch. Appl. Mech. 68, 159; Ciavarella (1998), Int. J. Solids Struct. 35, 2349
+        tangential = held / scene.specimen.thickness_mm
+        stuck = load - abs(tangential / mu)
+        inner: Floats = np.zeros(grid.nodes)
+        if stuck > 1e-9 * load:
+            start = contact.pressure
+            inner = solve_pressure(site.surface, site.gap_mm, stuck, start=start).pressure
+        shear = np.asarray(np.sign(tangential) * abs(mu) * (contact.pressure - inner))
     return SurfaceState(
         grid=grid, pressure_mpa=contact.pressure, shear_mpa=shear,
         wear_depth_mm=np.zeros(grid.nodes), distance_m=0.0, friction=mu if held else 0.0,
         sliding=False, residual=contact.residual,
     )  # fmt: skip
-
-
-def _partial_slip(
-    site: ContactSetup, contact: ContactState, load: float, tangential: float, mu: float
-) -> Floats:
-    """Shear of a stuck contact that slips at its edges: q = mu [p(P') - p(P' - Q'/mu)].
-
-    Holds for any profile, without coupling. Sources: Jäger (1998), Arch. Appl. Mech. 68, 159;
-    Ciavarella (1998), Int. J. Solids Struct. 35, 2349.
-    """
-    stuck = load - abs(tangential / mu)
-    inner: Floats = np.zeros(site.grid.nodes)
-    if stuck > 1e-9 * load:
-        held = solve_pressure(site.surface, site.gap_mm, stuck, start=contact.pressure)
-        inner = held.pressure
-    return np.asarray(np.sign(tangential) * abs(mu) * (contact.pressure - inner))

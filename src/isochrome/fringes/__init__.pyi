@@ -1,7 +1,8 @@
-from .band_light import band_light, band_scale
-from .colour_order import ColourReading, read_colour
+from .band_light import FOUND_ERROR, band_light, band_scale
+from .colour_order import LOST, ColourReading, read_colour
 from .colour_table import (
     STEP,
+    WIDTH,
     ColourTable,
     measured_table,
     read_table,
@@ -20,7 +21,7 @@ from .film_reading import (
     smooth_zero,
     unloaded_state,
 )
-from .follower import LARGEST_CHANGE, FilmState, follow_frame
+from .follower import FilmState, follow_frame
 from .on_branch import BRANCH, SURE, OrderReading, make_reading, read_order, widened
 from .single_frame.background_modulation import (
     BackgroundModulation,
@@ -62,7 +63,8 @@ from .stepped_order import (
     read_steps,
     settle,
 )
-from .unknown_light import ALIKE, STRANGE, ColourShots, OwnLight, find_light
+from .unknown_light import STRANGE, ColourShots, OwnLight, find_light
+from .windows import ALIKE, LARGEST_CHANGE
 
 __all__ = [
     "ALIKE",
@@ -70,7 +72,9 @@ __all__ = [
     "CLEAR",
     "COSINE",
     "CROSS",
+    "FOUND_ERROR",
     "LARGEST_CHANGE",
+    "LOST",
     "MOST_COST",
     "SHORTEST_PX",
     "SINE",
@@ -79,6 +83,7 @@ __all__ = [
     "STEP",
     "STRANGE",
     "SURE",
+    "WIDTH",
     "BackgroundModulation",
     "Balance",
     "BrightestLight",

@@ -16,43 +16,38 @@ from typing import Any
 
 import numpy as np
 
+from isochrome.estimation import STEP as DIFFERENCE
 from isochrome.fringes.colour_table import STEP, ColourTable, end_of_contrast
 from isochrome.fringes.windows import Array
-
-GREEN = 1
 
 _PLACES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(48)
 _WEIGHTS = _WEIGHTS / _WEIGHTS.sum()
 _OFF_DIAGONAL = np.nonzero(~np.eye(3, dtype=bool))
 
-NUMBERS = 11
-"""Numbers that describe the light: 2 ratios, 3 widths, 6 terms of the mixing."""
 
-_OWN_CENTRES_NM, _OWN_WIDTH = (600.0, 540.0, 460.0), 0.06
-_CORRECTED_CENTRES_NM = (579.5, 540.0, 444.7)
-_CORRECTED_WIDTH = (0.063, 0.068, 0.048)
-_CORRECTED_MIXING = (-1.51, 0.10, -0.47, -0.15, -0.05, -0.09)
-"""Fitted to the sRGB signals of equal-energy light: the CIE 1931 observer in the analytic form of
-Wyman, Sloan & Shirley (2013), J. Computer Graphics Techniques 2, 1, and the matrix of IEC
-61966-2-1; 0.005 of full light up to N = 4."""
+def _numbers(ratio: Any, width: Any, mixing: Any) -> Array:
+    """The 2 ratios, 3 widths and 6 terms of the mixing that describe a light."""
+    parts = zip((ratio, width, mixing), (2, 3, 6), strict=True)
+    return np.concatenate([np.broadcast_to(part, count) for part, count in parts])
 
 
-def _numbers(centres: tuple[float, ...], width: Any, mixing: Any) -> Array:
-    ratio = np.log(centres[GREEN] / np.array(centres))[[0, 2]]
-    return np.concatenate([ratio, np.log(np.broadcast_to(width, 3)), np.broadcast_to(mixing, 6)])
+_RATIO, _WIDTH = np.log(540.0 / np.array([600.0, 460.0])), np.log(0.06)
+_CORRECTED_MIXING = (-1.5, 0.1, -0.5, -0.15, -0.05, -0.1)
+"""That of the sRGB signals of equal-energy light (IEC 61966-2-1)."""
 
-
-SENSOR = _numbers(_OWN_CENTRES_NM, _OWN_WIDTH, 0.0)
+SENSOR = _numbers(_RATIO, _WIDTH, 0.0)
 """Numbers of a bare sensor in equal-energy white light, whose channels do not mix."""
 
-CORRECTED = _numbers(_CORRECTED_CENTRES_NM, _CORRECTED_WIDTH, _CORRECTED_MIXING)
+CORRECTED = _numbers(_RATIO, _WIDTH, _CORRECTED_MIXING)
 """Numbers of a camera that corrects its colours for a display (sRGB)."""
 
-LIKELY = np.concatenate([np.full(2, 0.05), np.full(3, 0.4), np.full(6, 0.2)])
+LIKELY = _numbers(0.05, 0.4, 0.2)
 """Expected deviations of a light's numbers from one of these."""
 
-_STEP_OF_NUMBERS = 1e-4
-_SCALE_ERROR = 0.02
+NUMBERS = len(LIKELY)
+
+FOUND_ERROR = 0.03
+"""How far a found light's signals are taken to be off, of full light."""
 
 
 @dataclass(frozen=True)
@@ -102,11 +97,11 @@ def band_table(numbers: Array, *, bright: bool, highest_order: float) -> tuple[C
     change = np.zeros((last, 3, NUMBERS))
     for i in range(5):
         step = np.zeros(NUMBERS)
-        step[i] = _STEP_OF_NUMBERS
+        step[i] = DIFFERENCE
         ahead, behind = (
             band_light(numbers + s).bands(order[:last], bright=bright) for s in (step, -step)
         )
-        change[..., i] = (ahead - behind) @ light.mixing.T / (2.0 * _STEP_OF_NUMBERS)
+        change[..., i] = (ahead - behind) @ light.mixing.T / (2.0 * DIFFERENCE)
     rows, cols = _OFF_DIAGONAL
     change[:, rows, 5 + np.arange(6)] = bands[:last, cols] - bands[:last, rows]
     change *= (plain[:last] > 0.0)[..., None]
@@ -124,7 +119,7 @@ def band_scale(order: Array, signal: Array, *, bright: bool = False) -> float:
     def misfit(unknowns: Array, start: Array) -> Array:
         light = band_light(unknowns[:NUMBERS])
         model = light.bands(order, bright=bright) @ light.mixing.T
-        away = (signal - np.exp(unknowns[NUMBERS]) * model) / _SCALE_ERROR
+        away = (signal - np.exp(unknowns[NUMBERS]) * model) / FOUND_ERROR
         return np.concatenate([away.ravel(), (unknowns[:NUMBERS] - start) / LIKELY])
 
     top = float(np.log(np.percentile(signal, 98.0)))

@@ -19,7 +19,7 @@ A channel's light is I_c = D_c + A_c s_c(N). With no-load frames D and A are the
 is found from the frame itself (`isochrome.fringes.unknown_light`).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -28,54 +28,26 @@ from scipy import ndimage
 from isochrome.errors import InputError
 from isochrome.fringes.colour_table import STEP, Choice, ColourTable, choose_orders
 from isochrome.fringes.on_branch import (
+    LARGEST_MISFIT,
     LARGEST_UNCERTAINTY,
     STEEPEST,
     SURE,
     OrderReading,
     probability,
 )
-from isochrome.fringes.unknown_light import JUMP, TABLE_ERROR, FrameExposure, find_frame_light
-from isochrome.fringes.windows import Array, Mask, beside_jumps, gaussian_sum, masked, nearest_known
-
-LEAST_CONTRAST = 0.2
-"""Contrast, over that of the frame's brightest places, below which a pixel is without light."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class ColourSignal:
-    """Signals of the channels (rows, cols, channels), 1 = full light."""
-
-    signal: Array  # NaN = not trusted
-    variance: Array
-    lit: Mask  # (rows, cols): where there is light at all
-    order_variance: Array  # (rows, cols), fringes², from the uncertainty of the ends
-    blind: bool  # an end was found from the frame itself
-    exposure: FrameExposure  # over that of the no-load frames
-
-
-def colour_signal(
-    light: Array,
-    table: ColourTable,
-    *,
-    sigma: Array | float,
-    dark: Array | None,
-    bright: Array | None,
-    valid: Mask,
-) -> ColourSignal:
-    """Take background and illumination out of a colour frame: s = (I - D)/(B - D).
-
-    The variance is that of the frame, of the no-load frames and of the table's spread. InputError
-    where nothing has contrast.
-    """
-    noise = np.broadcast_to(np.asarray(sigma, dtype=float), light.shape)
-    shown = find_frame_light(light, table, sigma=noise, dark=dark, bright=bright, valid=valid)
-    lit = _lit(shown.contrast, valid)
-    return ColourSignal(
-        signal=np.where(lit[..., None], shown.signal, np.nan).astype(np.float32),
-        variance=(shown.variance + table.spread**2 + TABLE_ERROR**2).astype(np.float32), lit=lit,
-        order_variance=shown.order_variance, blind=dark is None or bright is None,
-        exposure=shown.exposure,
-    )  # fmt: skip
+from isochrome.fringes.unknown_light import BLOCKS, FrameExposure, FrameLight, find_frame_light
+from isochrome.fringes.windows import (
+    DIMMEST,
+    LARGEST_CHANGE,
+    LIGHT_ERROR,
+    MOVES,
+    Array,
+    Mask,
+    beside_jumps,
+    gaussian_sum,
+    masked,
+    nearest_known,
+)
 
 
 def _lit(contrast: Array, valid: Mask) -> Mask:
@@ -90,13 +62,11 @@ def _lit(contrast: Array, valid: Mask) -> Mask:
         raise InputError("frame_has_no_contrast_between")
     share = (contrast / usual).sum(axis=-1) / np.count_nonzero(used)
     smooth = ndimage.gaussian_filter(share.astype(np.float32), 1.0, mode="nearest")
-    return np.asarray((smooth > LEAST_CONTRAST) & (share > 0.5 * LEAST_CONTRAST))
+    return np.asarray((smooth > DIMMEST) & (share > 0.5 * DIMMEST))
 
 
-_WINDOW_PX, _POOLINGS = 1.5, 3
-"""Window over which an order is pooled, in pixels or blocks, and how often."""
-_FLAT = 0.1
-_LARGEST_STEP = 0.1
+_WINDOW_PX = 1.5
+"""Window over which an order is pooled, in pixels or blocks."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,23 +90,21 @@ class ColourValue:
 
 
 def refine_colour(
-    shown: ColourSignal, choice: Choice, factor: int, table: ColourTable
+    shown: FrameLight, choice: Choice, factor: int, table: ColourTable
 ) -> ColourValue:
-    """Refine orders that were chosen for blocks of `factor` pixels a side by the neighbourhood's
-    colours.
-    """
+    """Refine orders chosen for blocks of `factor` pixels by the neighbourhood's colours."""
     trusted = np.isfinite(shown.signal)
     order, agreed, doubt = _base(choice, factor, trusted.shape[:2])
     weight = np.where(trusted, 1.0 / shown.variance, 0.0).astype(np.float32)
     signal = np.nan_to_num(shown.signal).astype(np.float32)
-    for _ in range(_POOLINGS):
+    for _ in range(MOVES):
         ideal, slope = _look_up(order, table)
         pull = weight * slope
         information = gaussian_sum((pull * slope).sum(axis=-1), _WINDOW_PX)
         step = gaussian_sum((pull * (signal - ideal)).sum(axis=-1), _WINDOW_PX) / (
-            information + _LARGEST_STEP**-2
+            information + SURE**-2
         )
-        step = np.clip(step, -_LARGEST_STEP, _LARGEST_STEP)
+        step = np.clip(step, -SURE, SURE)
         order = np.clip(order + step, -table.highest, table.highest)
     ideal, slope = _look_up(order, table)
     square = np.where(trusted, signal - ideal, 0.0) ** 2
@@ -160,7 +128,7 @@ def _base(choice: Choice, factor: int, shape: tuple[int, ...]) -> tuple[Array, M
         return np.zeros(shape), np.zeros(shape, bool), np.ones(shape)
     filled = nearest_known(choice.order, known)
     middle = ndimage.median_filter(filled, size=5, mode="nearest")
-    outliers = known & (np.abs(filled - middle) > JUMP)
+    outliers = known & (np.abs(filled - middle) > LARGEST_CHANGE)
     filled = np.where(outliers, middle, filled)
     weight = known.astype(float)
     smooth = ndimage.gaussian_filter(filled, _WINDOW_PX / factor, mode="nearest")
@@ -188,18 +156,12 @@ def _look_up(order: Array, table: ColourTable) -> tuple[Array, Array]:
     s = signal[below] + share * (signal[1:] - signal[:-1])[below]
     j = slope[below] + share * (slope[1:] - slope[:-1])[below]
     side = np.where(order < 0.0, np.float32(-1.0), np.float32(1.0))[..., None]
-    return s + _mixture(order, table), j * side
-
-
-def _mixture(order: Array, table: ColourTable) -> Array:
-    """What a pixel's own width adds to its signal: |grad N|²/24 d²s/dN², its mean over a square.
-
-    To the second order in the gradient; at 0.25 fringe a pixel the fourth is 0.01 of full light.
-    """
+    # a pixel's own width adds |grad N|²/24 d²s/dN² to its signal, the mean over a square; at 0.25
+    # fringe a pixel the fourth order is 0.01 of full light
     steepness = sum(step**2 for step in np.gradient(order))
     steepness = np.minimum(ndimage.gaussian_filter(steepness, _WINDOW_PX), STEEPEST**2)
     bend = table.bend.astype(np.float32)[table.place(np.abs(order))]
-    return np.asarray(steepness[..., None].astype(np.float32) / 24.0 * bend)
+    return s + steepness[..., None].astype(np.float32) / 24.0 * bend, j * side
 
 
 def _spread(order: Array, weight: Array, slope: Array, table: ColourTable) -> Array:
@@ -210,9 +172,8 @@ def _spread(order: Array, weight: Array, slope: Array, table: ColourTable) -> Ar
         return np.sqrt(square) / np.maximum(gaussian_sum(information, _WINDOW_PX), 1e-9)
 
     plain = spread((weight * slope**2).sum(axis=-1))
-    bend = (table.signal[int(_FLAT / STEP)] - table.signal[0]) / _FLAT**2
-    flat = spread((weight * bend.astype(np.float32) ** 2).sum(axis=-1))
-    return np.where(np.abs(order) < _FLAT, np.minimum(plain, np.sqrt(flat)), plain)
+    flat = spread((weight * (0.5 * table.bend[0].astype(np.float32)) ** 2).sum(axis=-1))
+    return np.where(order**2 < flat, np.minimum(plain, np.sqrt(flat)), plain)
 
 
 @lru_cache
@@ -227,23 +188,18 @@ def _kernel(factor: int) -> tuple[float, float]:
     squared = 2.0 * np.pi**2 * (f**2 + f.T**2)
     last = np.exp(-squared * _WINDOW_PX**2)
     smoothing = 1.0 - last * np.sinc(factor * f) * np.sinc(factor * f.T)
-    smoothing = smoothing * (1.0 - last) ** _POOLINGS
+    smoothing = smoothing * (1.0 - last) ** MOVES
     gain = np.sqrt(np.mean((1.0 - smoothing) ** 2) / np.mean(last**2))
     return float(gain), float(1.0 - np.mean(smoothing**2))
 
 
-BINNED_FROM = 150_000
-"""Pixels of a frame from which on branches are chosen for blocks of 2 x 2 of them."""
-
 LOST = 0.04
-"""Share of pixels whose colours are not the table's from which on nothing is read: frames that the
-table describes leave 0.6 % at most, or 3 % where loads stand, a wrong spectrum, response or gamma
-5 % on."""
+"""Share of pixels whose colours are not the table's from which on nothing is read or calibrated:
+frames that the table describes leave 0.6 % at most, or 3 % where loads stand, a wrong spectrum,
+response or gamma 5 % on."""
 
 _LARGEST_DOUBT = 0.02
 _LARGEST_RESIDUAL = 0.05
-_LARGEST_MISFIT = 2.0
-_LEAST_CONTRAST = 0.1  # of fringes in white
 _UNLIT_PX = 6
 
 
@@ -283,19 +239,25 @@ def read_colour(
     trusted = np.isfinite(light) if valid is None else valid & np.isfinite(light)
     if specimen is not None:
         trusted = trusted & specimen[..., None]
-    shown = colour_signal(light, table, sigma=sigma, dark=dark, bright=bright, valid=trusted)
-    factor = 2 if trusted[..., 0].size >= BINNED_FROM else 1
+    noise = np.broadcast_to(np.asarray(sigma, dtype=float), light.shape)
+    shown = find_frame_light(light, table, sigma=noise, dark=dark, bright=bright, valid=trusted)
+    lit = _lit(shown.contrast, trusted)
+    shown = replace(
+        shown, signal=np.where(lit[..., None], shown.signal, np.nan).astype(np.float32),
+        variance=(shown.variance + table.spread**2 + LIGHT_ERROR**2).astype(np.float32),
+    )  # fmt: skip
+    factor = 2 if trusted[..., 0].size >= BLOCKS else 1
     choice = choose_orders(*_blocks(shown, factor), table)
     value = refine_colour(shown, choice, factor, table)
     trusted = np.isfinite(shown.signal)
     uncertainty = np.sqrt(value.uncertainty**2 + shown.order_variance)
     readable = (trusted.sum(axis=-1) >= 2) & (np.hypot(*np.gradient(value.order)) < STEEPEST)
     span = max(1.0, float(np.ptp(table.signal)))
-    described = (value.misfit < _LARGEST_MISFIT) | (value.residual < _LARGEST_RESIDUAL * span)
+    described = (value.misfit < 2.0) | (value.residual < _LARGEST_RESIDUAL * span)
     pixels = max(int(np.count_nonzero(readable)), 1)
     strange = float(np.count_nonzero(readable & ~described) / pixels)
     lost = strange >= LOST
-    highest = table.highest_of(_LEAST_CONTRAST)
+    highest = table.highest_of(LARGEST_MISFIT)
     known = readable & described & value.agreed & (value.order < highest) & (not lost)
     known &= (value.doubt < _LARGEST_DOUBT) & (uncertainty < LARGEST_UNCERTAINTY)
     # only the frame says where light is: black places might be no specimen at all
@@ -304,22 +266,22 @@ def read_colour(
         if core.any():
             known &= ndimage.distance_transform_edt(~core) > _UNLIT_PX + 4
     # without what is beside a jump of the order
-    known &= ~ndimage.binary_dilation(beside_jumps(value.order, JUMP), iterations=2)
+    known &= ~ndimage.binary_dilation(beside_jumps(value.order), iterations=2)
     sure = probability(uncertainty) * (1.0 - value.doubt)
     degrees = float(value.degrees[readable].sum(dtype=float))
-    body = int(np.count_nonzero(shown.lit if specimen is None else specimen))
+    body = int(np.count_nonzero(lit if specimen is None else specimen))
     return ColourReading(
         order=masked(value.order, known), uncertainty=masked(uncertainty, known),
         confidence=np.where(known, sure, 0.0).astype(np.float32),
         kept=float(np.count_nonzero(known) / max(body, 1)), signal=shown.signal,
         chi=float(np.sqrt(value.chi2[readable].sum(dtype=float) / max(degrees, 1.0))),
-        blind=shown.blind,
+        blind=dark is None or bright is None,
         noise=float(np.sqrt(np.median(shown.variance[trusted]))) if trusted.any() else float("nan"),
         strange=strange, lost=lost, exposure=shown.exposure,
     )  # fmt: skip
 
 
-def _blocks(shown: ColourSignal, factor: int) -> tuple[Array, Array]:
+def _blocks(shown: FrameLight, factor: int) -> tuple[Array, Array]:
     """Means of the signal over blocks of pixels, and their variance."""
     if factor == 1:
         return shown.signal, shown.variance
@@ -328,7 +290,7 @@ def _blocks(shown: ColourSignal, factor: int) -> tuple[Array, Array]:
     signal = _sums(np.nan_to_num(shown.signal), factor)
     variance = _sums(np.where(trusted, shown.variance, 0.0), factor)
     some = np.maximum(count, 1.0)
-    variance = np.where(count > 0.0, variance / some**2 + TABLE_ERROR**2, 1.0)
+    variance = np.where(count > 0.0, variance / some**2 + LIGHT_ERROR**2, 1.0)
     return np.where(count > 0.0, signal / some, np.nan), variance
 
 

@@ -40,7 +40,7 @@ LARGEST_ORDER = 12.0
 """Where a table ends at the latest: separate lines never lose their contrast."""
 
 _DIRECTIONS = 16
-_WIDTH = 0.02
+WIDTH = 0.02
 """Standard deviation of the Gaussian over which a measured table is pooled, fringes."""
 
 
@@ -101,12 +101,10 @@ class ColourTable:
 
 
 def spectral_table(polariscope: Polariscope, response: Response) -> ColourTable:
-    """The table from the spectrum of the light, of several wavelengths, and the camera's response.
+    """The table from the spectrum of the light, Σ_s w_cs I(N l0/l_s), and the mean over directions.
 
-    s_c(N) = Σ_s w_cs I(N l0/l_s), see `isochrome.optics.spectral_signal`; the mean over directions
-    of sigma_1 where real plates show them, `spread` its deviation. It ends where the last contrast
-    is 2 % of full light, at N = 12 at the latest. InputError where a channel is blind.
-    Source: Ajovalasit, Barone & Petrucci (1995), J. Strain Analysis 30, 29.
+    It ends where the last contrast is 2 % of full light, at N = 12 at the latest. InputError for a
+    blind channel. Source: Ajovalasit, Barone & Petrucci (1995), J. Strain Analysis 30, 29.
     """
     order = STEP * np.arange(int(np.ceil(LARGEST_ORDER / STEP)) + 1)
     light = make_light(polariscope, response, highest_order=LARGEST_ORDER)
@@ -124,10 +122,7 @@ def spectral_table(polariscope: Polariscope, response: Response) -> ColourTable:
 
 
 def end_of_contrast(table: Array) -> int:
-    """Rows of a table up to where its last fringe in any channel has faded.
-
-    Parameters: `table`, signals (orders, channels). Returns their number.
-    """
+    """Rows of a table up to where its last fringe in any channel has faded."""
     away = np.abs(table - table[-int(1.0 / STEP) :].mean(axis=0)).max(axis=1)
     visible = np.flatnonzero(away > 0.5 * LOWEST_CONTRAST)
     return int(min(visible[-1] + 2, len(table)))
@@ -142,7 +137,7 @@ def measured_table(signal: Array, order: Array) -> ColourTable:
     """
     known = np.isfinite(order) & np.isfinite(signal).all(axis=-1)
     n, s = order[known].astype(float), signal[known].astype(float)
-    if len(n) < 100 or n.min() > _WIDTH:
+    if len(n) < 100 or n.min() > WIDTH:
         raise InputError("colour_table_needs_pixels")
     cell = np.rint(n / STEP).astype(int)
     count = cell.max() + 1
@@ -153,9 +148,9 @@ def measured_table(signal: Array, order: Array) -> ColourTable:
     ]
     number, offsets = sums[:2]
     plain, turned = np.split(np.array(sums[2:]), 2)  # the signals, and these times the offsets
-    half = int(np.ceil(4.0 * _WIDTH / STEP))
+    half = int(np.ceil(4.0 * WIDTH / STEP))
     away = STEP * np.arange(-half, half + 1)
-    bell = np.exp(-0.5 * (away / _WIDTH) ** 2)
+    bell = np.exp(-0.5 * (away / WIDTH) ** 2)
     summed = partial(correlate1d, axis=-1, mode="constant")
     # the mirror image at N < 0 is not used: a line is unbiased at the end too
     m0 = summed(number, bell)
@@ -244,7 +239,7 @@ FARTHEST = 60.0
 """Misfit, above the best candidate's, beyond which a pixel has no further candidate."""
 
 _EVERY = 8
-_BLOCK = 1 << 14
+_BLOCK = 16_384
 
 
 @dataclass(frozen=True)
@@ -315,9 +310,7 @@ def _minima(chi2: Array, step: float) -> tuple[Array, Array]:
 def choose_orders(signal: Array, variance: Array, table: ColourTable) -> Choice:
     """Choose each pixel's order among its candidates, guided by its neighbours.
 
-    Parameters: `signal` (rows, cols, channels), NaN where a channel is not to be trusted;
-    `variance` of it, of the same shape; `table`. Returns a Choice. A pixel with fewer than two
-    trusted channels has no order.
+    A pixel with fewer than two trusted channels (not NaN) has no order.
     """
     rows, cols, channels = signal.shape
     trusted = np.isfinite(signal)
@@ -350,11 +343,7 @@ def choose_orders(signal: Array, variance: Array, table: ColourTable) -> Choice:
 
 
 def _scan(order: Array, penalty: Array, known: Mask) -> Array:
-    """What the line before says to each candidate: least cost of a path that ends there.
-
-    Parameters: `order`, `penalty` cost (lines, n, candidates); `known` (lines, n): a pixel that is
-    not known passes on nothing. Returns the messages (lines, n, candidates).
-    """
+    """Least cost of a path along lines that ends at each candidate, from pixels that are known."""
     text = np.zeros_like(penalty)
     for line in range(1, len(penalty)):
         so_far = penalty[line - 1] + text[line - 1]

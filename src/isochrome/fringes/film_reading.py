@@ -24,33 +24,42 @@ from __future__ import annotations
 import zlib
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import cv2
 import numpy as np
 
 from isochrome.errors import InputError
 from isochrome.estimation import light_basis, total_degree
-from isochrome.fringes.follower import FilmState, continued, faded_fringes, follow_frame, regained
-from isochrome.fringes.on_branch import OrderReading, make_reading, read_order, widened
-from isochrome.fringes.windows import Array, Mask, block_means, nearest_known, valid_means
+from isochrome.fringes.follower import (
+    SYSTEMATIC,
+    WINDOWS,
+    FilmState,
+    continued,
+    faded_fringes,
+    follow_frame,
+    near_crest,
+    regained,
+)
+from isochrome.fringes.on_branch import BRANCH, OrderReading, make_reading, read_order, widened
+from isochrome.fringes.windows import (
+    LIGHT_ERROR,
+    MOSTLY,
+    STRIDE,
+    Array,
+    Mask,
+    block_means,
+    nearest_known,
+    valid_means,
+)
 from isochrome.optics import FringeWave
 
 _DEGREES = (2, 4)
 """Of the illumination by the brightest light, and by all crests: a lamp falls off to corners."""
-_STRIDE = 2
-_BELOW = 0.03
-"""How far a crest lies below the surface, over the light: noise, and one between two frames."""
-_ROUNDS, _FIRST, _MOSTLY = 30, 60.0, 97.0
-_NEAR = 0.08
-"""Fringes from a crest up to which a pixel tells the illumination: its order need not be exact."""
-_FEWEST = 500
-_POOLED = 40.0
-"""Pixels whose orders are found together, so that their errors are one."""
+_ROUNDS = 30
 _SQUARE, _EVEN = 8, 1.5
 """Pixels a side of the blocks by which unloaded light is judged, and how much their means may
 scatter over what noise alone makes them."""
-_SYSTEMATIC = 0.002
-"""Least standard uncertainty of the illumination, over it: bins, frames between crests."""
 NO_CREST = "no_crest_passes_over"
 
 
@@ -66,11 +75,9 @@ class FilmLight:
 
     def joined(self, by: int) -> FilmLight:
         """The same on blocks of pixels."""
-        maps = (self.zero, self.illumination, self.error, self.zero_error)
-        zero, level, error, zero_error = (joined_pixels(part, by) for part in maps)
-        return FilmLight(
-            zero=zero, illumination=level, error=error, zero_error=zero_error, sign=self.sign
-        )
+        names = "zero", "illumination", "error", "zero_error"
+        maps: dict[str, Any] = {name: joined_pixels(getattr(self, name), by) for name in names}
+        return replace(self, **maps)
 
     def rise(self, light: Array) -> Array:
         """What fringes add to or take off the unloaded light, A sin² pi N (rows, cols)."""
@@ -80,19 +87,11 @@ class FilmLight:
         """The wave cos 2 pi N, float32, whose ends noise may pass."""
         return np.asarray(np.float32(1.0) - np.float32(2.0) * self.rise(light) / self.illumination)
 
-    def signal_error(self, light: Array) -> Array:
-        """Standard uncertainty of the signal by that of the light's ends (rows, cols)."""
-        signal = np.clip(self.rise(light) / self.illumination, 0.0, 1.0)
-        return np.asarray(np.hypot(signal * self.error, (1.0 - signal) * self.zero_error))
-
 
 def smooth_zero(light: Array, valid: Mask) -> tuple[Array, bool]:
-    """The unloaded light, float32, without noise where it is as smooth as a polynomial.
-
-    The second is whether it is the frame itself, with its noise.
-    """
+    """The unloaded light, without noise where it is a polynomial; and whether it has its noise."""
     basis = light_basis(light.shape, total_degree(_DEGREES[1]))
-    thin = slice(None, None, _STRIDE)
+    thin = slice(None, None, STRIDE)
     terms = basis[:, thin, thin][:, valid[thin, thin]].astype(float)
     coefficients = np.linalg.lstsq(terms.T, light[thin, thin][valid[thin, thin]], rcond=None)[0]
     smooth = np.tensordot(coefficients.astype(np.float32), basis, 1)
@@ -116,7 +115,7 @@ class BrightestLight:
     def contrast(self, valid: Mask) -> float:
         """The range of the light over most of the valid pixels (rows, cols)."""
         reach = (self._highest - self.lowest)[valid]
-        return float(np.percentile(reach, _MOSTLY)) if reach.size else 0.0
+        return float(np.percentile(reach, MOSTLY)) if reach.size else 0.0
 
     def add(self, rise: Array) -> None:
         """Take a frame's rise over the unloaded light (rows, cols)."""
@@ -134,19 +133,19 @@ class BrightestLight:
     def surface(self, valid: Mask) -> Array:
         """The illumination that the crests lie on (rows, cols). Raises InputError without any."""
         basis = light_basis(self._top.shape, total_degree(_DEGREES[0]))
-        thin = slice(None, None, _STRIDE)
+        thin = slice(None, None, STRIDE)
         use = valid[thin, thin]
         brightest, terms = self._top[thin, thin][use], basis[:, thin, thin][:, use]
         if brightest.size < 100 or not brightest.max() > 0.0:
             raise InputError(NO_CREST)
-        weight = (brightest >= np.percentile(brightest, _FIRST)).astype(np.float32)
+        weight = (brightest >= np.median(brightest)).astype(np.float32)
         coefficients = np.zeros(len(terms))
         for _ in range(_ROUNDS):
             matrix = (terms * weight) @ terms.T + 1e-6 * weight.sum() * np.eye(len(terms))
             coefficients = np.linalg.solve(matrix.astype(float), (terms * weight) @ brightest)
             level = coefficients.astype(np.float32) @ terms
             away = (brightest - level) / np.median(level)
-            weight = np.exp(-((np.minimum(away, 0.0) / _BELOW) ** 2)).astype(np.float32)
+            weight = np.exp(-((np.minimum(away, 0.0) / SYSTEMATIC) ** 2)).astype(np.float32)
         surface = np.tensordot(coefficients.astype(np.float32), basis, 1)
         if not surface[valid].min() > 0.2 * np.median(surface[valid]):
             raise InputError(NO_CREST)
@@ -163,11 +162,9 @@ class CrestLight:
         self._square, self._count = 0.0, 0
 
     def add(self, rise: Array, order: Array, contrast: Array, known: Mask) -> None:
-        """Take the crests of a frame, by the `rise` over the unloaded light and the
-        followed order.
-        """
-        thin = slice(None, None, _STRIDE)
-        use = (np.abs(np.mod(order[thin, thin], 1.0) - 0.5) < _NEAR) & known[thin, thin]
+        """Take a frame's crests by the `rise` over the unloaded light and the followed order."""
+        thin = slice(None, None, STRIDE)
+        use = near_crest(order[thin, thin]) & known[thin, thin]
         orders = order[thin, thin][use]
         signal = 0.5 - 0.5 * contrast[thin, thin][use] * np.cos(np.float32(2.0 * np.pi) * orders)
         risen = rise[thin, thin][use]
@@ -180,13 +177,16 @@ class CrestLight:
 
     @property
     def told(self) -> bool:
-        """Whether enough crests were passed."""
-        return self._count >= _FEWEST
+        """Whether as many places of crests were passed as the illumination has terms."""
+        return self._count >= self._alike * len(self._right)
+
+    @property
+    def _alike(self) -> float:
+        """Pixels gathered whose orders are found together, so that their errors are one."""
+        return float(2.0 * np.pi * (WINDOWS[-1] / STRIDE) ** 2)
 
     def illumination(self, shape: tuple[int, int]) -> tuple[Array, Array]:
-        """The illumination, and its standard uncertainty over it, on pixels of any size (rows,
-        cols).
-        """
+        """The illumination, and its standard uncertainty over it, on pixels of any size."""
         basis, count = light_basis(shape, total_degree(_DEGREES[1])), len(self._right)
         ridge = 1e-6 * np.trace(self._matrix) / count * np.eye(count)
         inverse = np.linalg.inv(self._matrix + ridge)
@@ -194,15 +194,13 @@ class CrestLight:
         square = self._square - coefficients @ (2.0 * self._right - self._matrix @ coefficients)
         variance = max(float(square) / self._count, 1e-12)
         level = np.tensordot(coefficients.astype(np.float32), basis, 1)
-        root = np.linalg.cholesky(inverse * variance * _POOLED / _STRIDE**2)
+        root = np.linalg.cholesky(inverse * variance * self._alike)
         squares = (np.tensordot(part.astype(np.float32), basis, 1) ** 2 for part in root.T)
         spread = np.sqrt(sum(squares))
         level = np.maximum(level, 1e-3)
-        return level, np.asarray(np.hypot(spread / level, _SYSTEMATIC))
+        return level, np.asarray(np.hypot(spread / level, LIGHT_ERROR))
 
 
-_AGREE = 0.2
-"""Fringes within which a key frame agrees: half of what parts two branches, less their noise."""
 _STEPS = 1e-3
 """Fringes of which a kept order is a whole number; far below what one frame says."""
 
@@ -275,11 +273,9 @@ class FilmPath:
         self, frames: Iterable[tuple[Array, Mask, float]],
         key: Callable[[], FilmState | None] | None = None, every: int = 1,
     ) -> None:  # fmt: skip
-        """Follow the film through all of its frames.
+        """Follow the film through its frames: light on blocks, where it is trusted, and time.
 
-        Each is the light (rows, cols) on blocks of pixels, from the first on, where it is trusted,
-        and its time. `key` reads the frame that was given last from nothing, None where it cannot,
-        each `every` frames.
+        `key` reads the frame that was given last from nothing, None where it cannot, each `every`.
         """
         for index, (light, valid, time) in enumerate(frames):
             self.count = index + 1
@@ -291,8 +287,10 @@ class FilmPath:
             read = key if index > self._begin else None
             due = read is not None and (breaks or index % every == 0)
             if due or index in (0, self._begin) or index % self.chunk == 0:
-                if read is not None:
-                    self._regain(wave, valid)
+                if read is not None:  # the next key frame finds what is not right
+                    state = self._state
+                    order, known = regained(state.order, state.known, wave, valid)
+                    self._state = replace(state, order=order, known=known)
                 if read is not None and due and (new := read()) is not None:
                     self._settle(new, index)
                 self.kept[index] = keep_state(self._state)
@@ -314,13 +312,6 @@ class FilmPath:
         self.highest = max(self.highest, float(np.percentile(known, 99.5)) if known.size else 0.0)
         return False
 
-    def _regain(self, wave: Array, valid: Mask) -> None:
-        """Take in what its light bears out: the next key frame finds what is not right."""
-        state = self._state
-        if state.known.any():
-            order, known = regained(state.order, state.known, wave, valid)
-            self._state = replace(state, order=order, known=known)
-
     def _settle(self, new: FilmState, index: int) -> None:
         """Hold a key frame, read from nothing, against what was followed to it."""
         old = self._state
@@ -329,7 +320,7 @@ class FilmPath:
             self.lost[-1].append(index)
             self._state = replace(new, time=old.time)
         else:
-            differ = old.known & new.known & (np.abs(old.order - new.order) > _AGREE)
+            differ = old.known & new.known & (np.abs(old.order - new.order) > BRANCH)
             if differ.any():
                 for place in self.kept:
                     if place >= self._last_key:
@@ -361,11 +352,7 @@ def joined_pixels(values: Array, by: int) -> Array:
 def read_followed(
     light: Array, state: FilmState, film_light: FilmLight, *, sigma: Array, valid: Mask, by: int
 ) -> OrderReading:
-    """Read the orders of a frame where they were followed to; `kept` is of the valid pixels.
-
-    `state` is on blocks of `by` pixels a side, `film_light` of the frame's size; `sigma` is the
-    noise.
-    """
+    """Read the orders of a frame where they were followed to, on blocks of `by` pixels a side."""
     order = _spread(state.order, by, light.shape, smooth=True)
     blocks = _spread(state.known.astype(np.float32), by, light.shape, smooth=False)
     beside = valid & (cv2.dilate(blocks, np.ones((2 * by + 1, 2 * by + 1), np.uint8)) > 0.5)
@@ -378,7 +365,9 @@ def read_followed(
         rise, order, wave, illumination=film_light.illumination,
         background=np.zeros_like(rise), sigma=sigma, valid=beside,
     )  # fmt: skip
-    reading = widened(reading, film_light.signal_error(light))
+    signal = np.clip(rise / film_light.illumination, 0.0, 1.0)
+    by_ends = np.hypot(signal * film_light.error, (1.0 - signal) * film_light.zero_error)
+    reading = widened(reading, by_ends)
     known &= np.isfinite(reading.order)
     return make_reading(reading.order, reading.uncertainty, known, of=valid)
 
@@ -395,10 +384,7 @@ def unloaded_state(material: Mask, time: float) -> FilmState:
 
 
 def joined_reading(reading: OrderReading, by: int, time: float) -> FilmState:
-    """A frame's reading as a state that a film can be followed from, on blocks of pixels.
-
-    Orders are of blocks of which each pixel was read; the rate is not known, and taken as 0.
-    """
+    """A frame's reading as a state that a film can be followed from, on blocks that are whole."""
     read = np.isfinite(reading.order)
     known = _whole_blocks(read, by)
     order = joined_pixels(np.where(read, reading.order, 0.0), by)

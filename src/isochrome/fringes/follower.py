@@ -34,33 +34,33 @@ from dataclasses import dataclass, field, replace
 import cv2
 import numpy as np
 
-from isochrome.fringes.windows import Array, Mask
+from isochrome.fringes.on_branch import SURE
+from isochrome.fringes.windows import (
+    FEWEST,
+    LARGEST_CHANGE,
+    MOSTLY,
+    POOLED_PX,
+    REACH,
+    ROUNDS,
+    STRIDE,
+    TURN,
+    Array,
+    Mask,
+)
 
-_TURN = np.float32(2.0 * np.pi)
+_TURN = np.float32(TURN)
 
-LARGEST_CHANGE = 0.35
-"""Fringes from one frame to the next that are followed, wherever in the picture: below half of the
-distance of 1 after which the light is the same, with a margin for what noise and fields add."""
-
-CREST_SLOPE = 6.0
-"""Of the wave, a fringe: e/u, twice the 0.03 that light which was found leaves open, over 0.01."""
-
-STEEPEST = 0.3
-"""Of fringes that are followed, fringes a pixel."""
-
-_STRIDE = 3
 _FACTORS = 31
 """Steps of the search; the finest fringes move by a fortieth from one to the next."""
-_ROUNDS = 5
 _OUTLIER = 0.3
-_CLIPPED = 0.5
-"""Of the wave: a residual that counts half in the fit, and the square beyond which none counts."""
+"""Of the wave: a residual that counts half."""
 _RIDGE = 1e-3
 """How little a coefficient is let go from the search, of the pixels' information."""
-_TOP, _MOSTLY = 99.5, 97.0
-"""Per cent of the pixels: of the search, and of those whose change is judged together; about a
-force the order changes faster than it can be followed, and there it is lost alone."""
-_FEWEST = 50
+_SPREAD, SYSTEMATIC = 0.01, 0.03
+"""Of the prediction, fringes, and of the wave by light that is not known exactly, which no window
+averages out: a region of even order that passes a crest is not to be held up on its near side."""
+_FLANK = 0.5
+"""Least |sin 2 pi N| of a flank, 0.08 fringe from a crest."""
 
 
 def fit_order_change(
@@ -74,9 +74,9 @@ def fit_order_change(
     wave, and the largest of any field in it, and of all together, fringes; None where too few
     orders are known.
     """
-    thin = slice(_STRIDE // 2, None, _STRIDE)
+    thin = slice(STRIDE // 2, None, STRIDE)
     use = known[thin, thin]
-    if np.count_nonzero(use) < _FEWEST:
+    if np.count_nonzero(use) < FEWEST:
         return None
     y, x = (np.linspace(-1.0, 1.0, n, dtype=np.float32) for n in order.shape)
     one = np.ones((1, 1), dtype=np.float32)
@@ -84,21 +84,21 @@ def fit_order_change(
     fields = [order, order * x, order * y[:, None], expected, across, along, one]
     basis = np.stack([np.broadcast_to(f, order.shape)[thin, thin][use] for f in fields])
     shown, faded = wave[thin, thin][use], contrast[thin, thin][use]
-    start = _searched(basis, shown, faded, max(float(np.percentile(basis[0], _TOP)), 1e-3))
+    start = _searched(basis, shown, faded, max(float(np.percentile(basis[0], MOSTLY)), 1e-3))
     solution = start.copy()
     ridge = _RIDGE * shown.size
-    for _ in range(_ROUNDS):
+    for _ in range(ROUNDS):
         residual, slope = _residual(basis[0], solution.astype(np.float32) @ basis, shown, faded)
         turned = basis * slope
-        weighted = turned * on_flank(slope) / (1.0 + (residual / np.float32(_OUTLIER)) ** 2)
+        weighted = turned * on_flank(slope) * _weight(residual)
         matrix = (weighted @ turned.T).astype(float) + ridge * np.eye(len(basis))
         pull = weighted @ residual - ridge * (solution - start)
         solution = solution + np.linalg.solve(matrix, pull)
     single = solution.astype(np.float32)
     change = single @ basis
     residual, _ = _residual(basis[0], change, shown, faded)
-    parts = np.percentile(np.abs(basis), _MOSTLY, axis=1) * np.abs(solution)
-    largest_change = np.percentile(np.abs(change), _MOSTLY)
+    parts = np.percentile(np.abs(basis), MOSTLY, axis=1) * np.abs(solution)
+    largest_change = np.percentile(np.abs(change), MOSTLY)
     # tilts of the factor and what the fringes move are judged by their sum alone
     largest = float(max(largest_change, parts[0], parts[6]))
     full_change = np.zeros_like(order)
@@ -112,10 +112,15 @@ def on_flank(slope: Array) -> Array:
 
     Light that is not known exactly, by an e of the wave, stands off from a crest as the light of
     another order does, e/J away: such pixels are to follow the others, not to hold them up. Where
-    the prediction is good to u, that is 1/(1 + (e/(J u))²).
+    the prediction is good to u, that is 1/(1 + (e/(J u))²), with twice the e that is usual.
     """
     square = slope * slope
-    return np.asarray(square / (square + np.float32(CREST_SLOPE**2)))
+    return np.asarray(square / (square + np.float32((2.0 * SYSTEMATIC / _SPREAD) ** 2)))
+
+
+def near_crest(order: Array) -> Mask:
+    """Where orders are so near to a crest that the light does not tell them."""
+    return np.asarray(np.cos(_TURN * order) < -np.sqrt(np.float32(1.0 - _FLANK**2)))
 
 
 def faded_fringes(order: Array) -> tuple[Array, Array, tuple[Array, Array]]:
@@ -129,10 +134,7 @@ def faded_fringes(order: Array) -> tuple[Array, Array, tuple[Array, Array]]:
 
 
 def _searched(basis: Array, shown: Array, faded: Array, top: float) -> Array:
-    """Coefficients to start from: the best factor alone, or after the change before.
-
-    The fields of `basis`: N first, the fourth the change before.
-    """
+    """Coefficients to start from: the best factor of N (first) alone, or after the fourth field."""
     best, solution, order = np.inf, np.zeros(len(basis)), basis[0]
     reach = LARGEST_CHANGE / top
     for goes_on in (0.0, 1.0):
@@ -153,28 +155,23 @@ def _residual(order: Array, change: Array, shown: Array, faded: Array) -> tuple[
 
 
 def _mean_misfit(residual: Array) -> float:
-    return float(np.mean(np.minimum(residual * residual, np.float32(_CLIPPED))))
+    return float(np.mean(residual * residual * _weight(residual)))
 
 
-_WINDOWS = (5.0, 2.5)
+def _weight(residual: Array) -> Array:
+    return np.asarray(1.0 / (1.0 + (residual / np.float32(_OUTLIER)) ** 2))
+
+
+WINDOWS = (5.0, 2.5)
 """Standard deviations, pixels."""
-_SPREAD, _SYSTEMATIC = 0.01, 0.03
-"""Of the prediction, fringes, and of the wave by light that is not known exactly, which no window
-averages out: a region of even order that passes a crest is not to be held up on its near side."""
-_SMOOTHED, _SMOOTH_PX, _SHARP = 0.2, 1.0, 0.15
-"""Share of what is taken off below the narrow window, and the order below which nothing is: the
-order has a crease there, where it is nought."""
-_POOLED_PX = 3.0
-"""Window of the rate, of the misfit and of the first orders."""
-_LARGEST_MISFIT, _NOISY = 0.12, 3.0
-"""Of the wave: RMS of the residual that a followed order leaves, and in its noise's."""
+_SMOOTHED, _SMOOTH_PX = 0.2, 1.0
+"""Share of what is taken off below the narrow window."""
+_LARGEST_MISFIT = 3.0
+"""RMS of what a followed order, or the change of the whole picture, leaves of the wave, over what
+noise and light that is not known exactly make."""
 _AT_FIRST = 0.1
-"""Highest order, from zero load, up to which the light alone tells orders: no crest is passed."""
-_NEAR_CREST = 0.42
-_LOST_AT_ONCE, _NOISE_LOST = 0.004, 4.0
-"""Mean square that the change of the whole picture may leave of the wave, and in its noise's."""
-_ALL_BUT = 0.02
-"""Share of the followed pixels that is left when a picture is lost."""
+"""Highest order, from zero load, up to which the light alone tells orders: no crest is passed. So
+far from nought the order's crease is not smoothed."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -194,38 +191,41 @@ def follow_frame(
 ) -> FilmState:
     """Follow the orders into the next frame, or, with times that fall, into the one before.
 
-    `wave` is its cos 2 pi N, float32, `noise` the wave's standard deviation.
+    `wave` is its cos 2 pi N, `noise` the wave's standard deviation.
     """
     before = state.order
     weight = valid.astype(np.float32)
     apart = time - state.time
+    usual = _LARGEST_MISFIT**2 * (SYSTEMATIC**2 + noise**2)
     contrast, steep, gradient = faded_fringes(before)
     highest = state.order[state.known][::7]
     if not highest.size or np.percentile(highest, 99.8) < _AT_FIRST:
-        order, plain = _at_first(wave, weight)
-        known = state.known & plain
+        # below the first crest the light tells orders, but not where they may be beyond it
+        signal = _window_mean(0.5 - 0.5 * wave, weight, POOLED_PX)
+        order = np.arcsin(np.sqrt(np.clip(signal, 0.0, 1.0))) / np.float32(np.pi)
+        beyond = (valid & near_crest(order)).astype(np.uint8)
+        known = state.known & valid & (cv2.dilate(beyond, np.ones((3, 3), np.uint8)) == 0)
     else:
         expected = state.rate * np.float32(apart)
         fitted = fit_order_change(before, expected, wave, contrast, gradient, state.known & valid)
         change, square, largest = fitted or (before, np.inf, np.inf)
-        if square > _LOST_AT_ONCE + _NOISE_LOST * noise**2 or largest > 1.1 * LARGEST_CHANGE:
+        if square > usual or largest > 1.1 * LARGEST_CHANGE:
             return _lost(state, time)
         order, known = np.abs(before + change), state.known
-        telling = weight * known * (steep < STEEPEST**2)
+        telling = weight * known * (steep < LARGEST_CHANGE**2)
         order = _corrected(order, wave, contrast, telling, noise)
     trust = weight * known
     residual = (wave - contrast * np.cos(_TURN * order)) * trust
-    misfit = _window_mean(residual * residual, trust, _POOLED_PX)
     known = (
         known
-        & (misfit < _LARGEST_MISFIT**2 + (_NOISY * noise) ** 2)
-        & (steep < STEEPEST**2)  # fringes are wide enough
+        & (_window_mean(residual * residual, trust, POOLED_PX) < usual)
+        & (steep < LARGEST_CHANGE**2)  # fringes are wide enough
         & (np.abs(order - before) < LARGEST_CHANGE)
     )
-    if np.count_nonzero(known) < _ALL_BUT * np.count_nonzero(state.known):
+    if not known.any():
         return _lost(state, time)
     order = continued(order, known)
-    change = cv2.GaussianBlur((order - before) * weight, (0, 0), _POOLED_PX)
+    change = cv2.GaussianBlur((order - before) * weight, (0, 0), POOLED_PX)
     rate = change / np.float32(apart) if apart else np.zeros_like(change)
     return FilmState(order=order, rate=rate, known=known, time=time)
 
@@ -235,29 +235,20 @@ def _lost(state: FilmState, time: float) -> FilmState:
     return replace(state, known=np.zeros_like(state.known), time=time, broken=True)
 
 
-def _at_first(wave: Array, weight: Array) -> tuple[Array, Mask]:
-    """Orders below the first crest, and where they are: not where they may be beyond it."""
-    signal = _window_mean(0.5 - 0.5 * wave, weight, _POOLED_PX)
-    order = np.arcsin(np.sqrt(np.clip(signal, 0.0, 1.0))) / np.float32(np.pi)
-    inside = weight > 0.0
-    beyond = (inside & (order >= _NEAR_CREST)).astype(np.uint8)
-    return order, inside & (cv2.dilate(beyond, np.ones((3, 3), np.uint8)) == 0)
-
-
 def _corrected(order: Array, wave: Array, contrast: Array, weight: Array, noise: float) -> Array:
     """The predicted orders as their neighbourhoods' light corrects them."""
-    for width in _WINDOWS:
+    for width in WINDOWS:
         angle = _TURN * order
         residual = (wave - contrast * np.cos(angle)) * weight
         slope = -_TURN * contrast * np.sin(angle) * weight
         flank = on_flank(slope)
-        spread = (noise**2 + (2.0 * np.pi * width**2) * _SYSTEMATIC**2) / _SPREAD**2
+        spread = (noise**2 + (2.0 * np.pi * width**2) * SYSTEMATIC**2) / _SPREAD**2
         weight_of_slope = slope * flank
         informed = _window_sum(weight_of_slope * slope, width) + np.float32(spread)
         step = _window_sum(weight_of_slope * residual, width) / informed
         order = np.abs(order + step)
     fine = np.float32(_SMOOTHED) * (cv2.GaussianBlur(order, (0, 0), _SMOOTH_PX) - order)
-    return np.asarray(order + np.where(order > _SHARP, fine, np.float32(0.0)))
+    return np.asarray(order + np.where(order > _AT_FIRST, fine, np.float32(0.0)))
 
 
 def _window_sum(values: Array, width_px: float) -> Array:
@@ -274,21 +265,14 @@ def _window_mean(values: Array, weight: Array, width_px: float) -> Array:
     return np.asarray(_window_sum(values * weight, width_px) / total)
 
 
-_WIDTH_PX, _HALF_PX = 1.5, 4
+_WIDTH_PX = 1.5
+_HALF_PX = int(REACH * _WIDTH_PX)
 """Standard deviation of the window, pixels, and how far it reaches: a plane is to bend with the
 order, and an order that is needed lies beside a known one."""
 _LEAST = 0.2
 """Weight of the known pixels from which there are enough of them: those of one side have 7."""
 _HELD = 0.02
 """Of the window's weight: gradients that few pixels tell are held near to nought."""
-
-_GROWTHS = 4
-"""Blocks at most by which what is known grows at once."""
-_BESIDE = 3
-"""Known ones of a block's eight neighbours, and itself: fewer tell no plane."""
-_FLANK, _NEAR = 0.5, 0.05
-"""Least |sin 2 pi N| of a flank, 0.08 fringe from a crest, and how far the light may lie from the
-order that is continued, fringes: less than to the crest, beyond which light is the same."""
 
 
 def continued(order: Array, known: Mask) -> Array:
@@ -320,10 +304,8 @@ def _moment(values: Array, down: int, across: int) -> Array:
 
 
 def regained(order: Array, known: Mask, wave: Array, valid: Mask) -> tuple[Array, Mask]:
-    """Orders and where they are known, with what their light bears out beside those known
-    before.
-    """
-    for _ in range(_GROWTHS):
+    """Orders and where they are known, with what their light bears out beside those known."""
+    for _ in range(_HALF_PX):  # beyond, nothing that is known says how the order goes on
         order = continued(order, known)
         new, move = _borne_out(order, known, wave, valid)
         if not new.any():
@@ -334,11 +316,11 @@ def regained(order: Array, known: Mask, wave: Array, valid: Mask) -> tuple[Array
 
 def _borne_out(order: Array, known: Mask, wave: Array, valid: Mask) -> tuple[Mask, Array]:
     """Which continued orders the light bears out, and how far it moves them (rows, cols)."""
-    near = cv2.boxFilter(known.astype(np.float32), -1, (3, 3), normalize=False) > _BESIDE - 0.5
+    near = cv2.boxFilter(known.astype(np.float32), -1, (3, 3), normalize=False) > 2.5  # a plane's
     contrast, steep, _ = faded_fringes(order)
     angle = _TURN * order
     sine = np.sin(angle)
     flank = np.abs(sine) > _FLANK
     move = (wave - contrast * np.cos(angle)) / (-_TURN * contrast * np.where(flank, sine, np.inf))
-    determined = flank & (np.abs(move) < _NEAR)
-    return near & ~known & valid & (steep < STEEPEST**2) & determined, move
+    determined = flank & (np.abs(move) < SURE)  # less than to the crest, beyond which it is alike
+    return near & ~known & valid & (steep < LARGEST_CHANGE**2) & determined, move

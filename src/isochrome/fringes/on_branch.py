@@ -24,14 +24,25 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import erf
 
-from isochrome.fringes.windows import Array, Mask, Windows, expanded, gaussian_sum, halved, masked
+from isochrome.fringes.windows import (
+    MOVES,
+    POOLED_PX,
+    Array,
+    Mask,
+    Windows,
+    expanded,
+    gaussian_sum,
+    halved,
+    masked,
+)
 from isochrome.optics import FringeWave
 
 _STEADY_PX = 4.0
 """Over which an added light is taken as even, and a bump is one."""
-_WINDOWS_PX = ((5.0, 8.0), (12.0, 16.0))
-"""Wider ones, for which blocks of four pixels a side are enough: over which the order follows, and
-the light is even."""
+WIDE_PX = 5.0
+_FOLLOWED_PX = (WIDE_PX, 12.0)
+"""Wider ones over which the order follows, for which blocks of four pixels a side are enough; the
+light is even over twice and four times the first."""
 _AROUND_PX = 20.0
 """Window of a bump's surroundings."""
 _SHOWN = 0.55
@@ -66,14 +77,14 @@ def stray_variance(
         means["slope light"] += moved * means["slope"]
         means["even light"] += moved * means["slope even"]
     pairs = _Blocks(2, means)
-    of_even = pairs.shift("even", _WINDOW_PX)
-    size, open_ = pairs.told(of_even, pairs.shift("light", _WINDOW_PX), _STEADY_PX)
+    of_even = pairs.shift("even", WINDOW_PX)
+    size, open_ = pairs.told(of_even, pairs.shift("light", WINDOW_PX), _STEADY_PX)
     wider, shape = _Blocks(4, {name: halved(mean) for name, mean in means.items()}), size.shape
-    for follow, steady in _WINDOWS_PX:
+    for k, follow in enumerate(_FOLLOWED_PX, start=1):
         bent = wider.bent("even", follow), wider.bent("light", follow)
-        clear, variance = wider.told(*bent, steady)
+        clear, variance = wider.told(*bent, 2.0**k * _STEADY_PX)
         np.maximum(size, expanded(clear, shape, 2), out=size)
-        if follow < _AROUND_PX / 2.0:  # crests that are near
+        if k == 1:  # crests that are near
             np.minimum(open_, expanded(variance, shape, 2), out=open_)
     size *= of_even * of_even
     if shift is not None:
@@ -146,26 +157,26 @@ BRANCH = 0.25
 """Half of a branch of sin², in fringes: a reading farther from the model has left its branch, and
 so much is expected of a shift before anything is known."""
 
+NOTABLE = 0.02
+"""Share of what could be read that is too small to speak of."""
+
 SURE = 0.05
 """The error, in fringes, that `confidence` is the probability to stay within."""
 
 LARGEST_UNCERTAINTY = 0.03
 """Of an order that counts as known, fringes."""
 
-_WINDOW_PX = 1.7
+WINDOW_PX = 1.7
 """Over which an order is pooled."""
-_WIDE_PX, _WIDE_MOVES = 5.0, 3
-"""Over which it is moved before, and how often at most."""
-_AT_REST = 0.002
-"""Root mean square of a move, fringes, after which wide windows move it no more: a third of what
-the noise leaves of an order."""
+AT_REST = 0.002
+"""Root mean square of a difference of orders, fringes, that is none: a third of what the noise
+leaves of an order."""
 
 LARGEST_MISFIT = 0.1
 """Of the light, over the contrast, where it tells an order."""
 STEEPEST = 0.25
 """Fringes a pixel: finer than four pixels a fringe is not read, nor in colour, where beyond it
 a pixel's mixture is no longer of the second order."""
-_POOLED_PX = 3.0
 
 
 @dataclass(frozen=True)
@@ -207,25 +218,34 @@ def read_order(
     gain = amplitude * per_noise
     fringed = (light - background).astype(np.float32, copy=False) * per_noise
     on_branch = _OnBranch(fringed, gain, wave, material)
-    smooth = _moved_by_wide_windows(on_branch)
+    smooth = np.zeros(model.shape, dtype=np.float32)
+    for _ in range(MOVES):  # over wide windows, whose moves are smooth: on blocks of two pixels
+        residual, slope = on_branch.light_and_slope(smooth)
+        residual *= slope
+        slope *= slope
+        information = Windows(halved(slope), 2).sum(WIDE_PX)
+        step = _move(information, Windows(halved(residual), 2).sum(WIDE_PX))
+        smooth += expanded(step, model.shape, 2)
+        if float(np.vdot(step, step)) < AT_REST**2 * step.size:
+            break  # the model was as near
     before, slope = on_branch.light_and_slope(smooth)
     square = slope * slope
-    information = gaussian_sum(square, _WINDOW_PX)
-    shift = smooth + _move(information, gaussian_sum(slope * before, _WINDOW_PX))
+    information = gaussian_sum(square, WINDOW_PX)
+    shift = smooth + _move(information, gaussian_sum(slope * before, WINDOW_PX))
     # what an order errs by changes little from pixel to pixel, but for how steep its own fringe is
     residual, _ = on_branch.light_and_slope(shift)
     residual *= residual
-    count = np.maximum(Windows(halved(weight), 2).sum(_WINDOW_PX), 1e-6)
-    misfit = Windows(halved(residual), 2).sum(_WINDOW_PX) / count  # squared, as its noise
+    count = np.maximum(Windows(halved(weight), 2).sum(WINDOW_PX), 1e-6)
+    misfit = Windows(halved(residual), 2).sum(WINDOW_PX) / count  # squared, as its noise
     misfit, count = (expanded(part, model.shape, 2) for part in (misfit, count))
     stray = stray_variance(before, slope, gain, shift=smooth)
-    spread = gaussian_sum(square, _WINDOW_PX / np.sqrt(2.0))
+    spread = gaussian_sum(square, WINDOW_PX / np.sqrt(2.0))
     spread /= np.maximum(information * information, 1e-24)
     uncertainty = np.sqrt(spread * np.maximum(misfit, 1.0) + stray)
     largest = np.maximum(LARGEST_MISFIT * gain, 2.0)
     known = (
         (weight > 0.0)
-        & (count > 0.5 * (2.0 * np.pi * _WINDOW_PX**2))
+        & (count > 0.5 * (2.0 * np.pi * WINDOW_PX**2))
         & (uncertainty < LARGEST_UNCERTAINTY)
         & (misfit < largest * largest)
         & (np.abs(shift) < BRANCH)
@@ -255,7 +275,6 @@ class _OnBranch:
             )
             for part in (gain * height, turns, light - gain * wave.mean)
         )
-        self.shape = light.shape
 
     def light_and_slope(self, shift: Array) -> tuple[Array, Array]:
         """What is left of the light at a shift d (rows, cols) from the branches, and its slope."""
@@ -275,24 +294,6 @@ def _move(information: Array, answer: Array) -> Array:
     return np.asarray(np.clip(step, -BRANCH, BRANCH, out=step))
 
 
-def _moved_by_wide_windows(on_branch: _OnBranch) -> Array:
-    """How far the orders lie from a model's over wide windows (rows, cols), fringes.
-
-    Such a move is smooth: it is found on blocks of two pixels a side.
-    """
-    shift = np.zeros(on_branch.shape, dtype=np.float32)
-    for _ in range(_WIDE_MOVES):
-        residual, slope = on_branch.light_and_slope(shift)
-        residual *= slope
-        slope *= slope
-        information = Windows(halved(slope), 2).sum(_WIDE_PX)
-        step = _move(information, Windows(halved(residual), 2).sum(_WIDE_PX))
-        shift += expanded(step, on_branch.shape, 2)
-        if float(np.vdot(step, step)) < _AT_REST**2 * step.size:
-            break  # the model was as near
-    return shift
-
-
 def probability(uncertainty: Array) -> Array:
     """Probability that an order with a normal error is right to `SURE`: erf(SURE/(√2 u))."""
     with np.errstate(divide="ignore"):
@@ -308,23 +309,12 @@ def make_reading(order: Array, uncertainty: Array, known: Mask, *, of: Mask) -> 
 
 
 def less_sure(reading: OrderReading, error: Array, largest: float) -> OrderReading:
-    """A reading whose orders may be off by more: u' = (u² + e²)^(1/2), not known from
-    `largest` on.
-    """
+    """A reading whose orders may be off by e more, (u² + e²)^(1/2), not known from `largest` on."""
     read = np.isfinite(reading.order)
     uncertainty = np.hypot(np.where(read, reading.uncertainty, 0.0), error)
     known = read & (uncertainty < largest)
     widened_reading = make_reading(reading.order, uncertainty, known, of=read)
     return replace(widened_reading, kept=reading.kept * widened_reading.kept)
-
-
-def moved_by_light(order: Array, error: Array) -> Array:
-    """How far an error e of the signal moves an order N that is read from it, fringes.
-
-    min(e/(pi |sin 2 pi N|), sqrt(e)/pi).
-    """
-    slope = np.pi * np.abs(np.sin(2.0 * np.pi * order))
-    return np.asarray(np.minimum(error / np.maximum(slope, 1e-9), np.sqrt(error) / np.pi))
 
 
 def widened(reading: OrderReading, error: Array) -> OrderReading:
@@ -336,7 +326,7 @@ def widened(reading: OrderReading, error: Array) -> OrderReading:
     """
     known = np.isfinite(reading.order)
     sine = np.abs(np.sin(2.0 * np.pi * np.where(known, reading.order, 0.0))) * known
-    pull = gaussian_sum(sine * error, _POOLED_PX)
-    slope = np.pi * gaussian_sum(sine * sine, _POOLED_PX)
+    pull = gaussian_sum(sine * error, POOLED_PX)
+    slope = np.pi * gaussian_sum(sine * sine, POOLED_PX)
     moved = np.minimum(pull / np.maximum(slope, 1e-9), np.sqrt(error) / np.pi)
     return less_sure(reading, moved, LARGEST_UNCERTAINTY)

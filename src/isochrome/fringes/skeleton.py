@@ -27,25 +27,16 @@ from scipy.sparse import csgraph
 from scipy.spatial import cKDTree
 
 from isochrome.errors import InputError
-from isochrome.fringes.windows import Indices, gaussian, nearest_known
+from isochrome.fringes.windows import COMPLETE, Indices, gaussian, nearest_known
 
 Floats = NDArray[np.float64]
 
 FOLLOW_SHARE = 0.5
 """A line that reached the threshold is followed down to this share of it."""
 
-_WHOLE_SHARE = 0.95  # of the smoothing window must be known pixels
 _TRUNCATE = 6.0  # in sigma: at 4 a flat image has a second derivative of 1e-4
 _RUN = 2.0  # a fringe centre is level along its run; the flank of a round fringe is not
 _REACH_PX = 1.5  # neighbours: side by side or corner to corner
-
-
-def ridge_noise(image: Floats) -> float:
-    """Estimate the noise's deviation from second differences (Immerkær 1996, with a median)."""
-    kernel = np.array([[1.0, -2.0, 1.0], [-2.0, 4.0, -2.0], [1.0, -2.0, 1.0]])
-    rough = np.abs(ndimage.convolve(image, kernel)[1:-1, 1:-1])
-    rough = rough[np.isfinite(rough)]
-    return float(np.median(rough)) / (0.6745 * 6.0) if rough.size else 0.0
 
 
 def noise_gain(sigma_px: float) -> float:
@@ -93,7 +84,7 @@ def line_points(image: Floats, sigma_px: float) -> tuple[Floats, Floats, Floats,
     complete[rim:-rim, rim:-rim] = True
     on_line &= complete & known
     if not known.all():
-        on_line &= gaussian(known.astype(float), sigma_px) >= _WHOLE_SHARE
+        on_line &= gaussian(known.astype(float), sigma_px) >= COMPLETE
     rows, cols = np.indices(image.shape, dtype=float)
     strength = np.where(on_line, sigma_px**2 * bent, 0.0)
     return strength, rows + np.where(on_line, off_r, 0), cols + np.where(on_line, off_c, 0), level
@@ -177,7 +168,11 @@ def skeletons(signal: ArrayLike) -> list[Skeleton]:
         raise InputError("signal_shape_skeletons_give", shape=image.shape, ceil=least)
     if np.isfinite(image).sum() < SHORTEST_PX:
         return []
-    noise = ridge_noise(image)
+    # the noise's deviation from second differences (Immerkær 1996, with a median)
+    kernel = np.outer((1.0, -2.0, 1.0), (1.0, -2.0, 1.0))
+    rough = np.abs(ndimage.convolve(image, kernel)[1:-1, 1:-1])
+    rough = rough[np.isfinite(rough)]
+    noise = float(np.median(rough)) / (0.6745 * 6.0) if rough.size else 0.0
     middle = 0.5 * float(np.sum(np.nanpercentile(image, (2.0, 98.0))))
     lines: list[Skeleton] = []
     for scale, deviations in _PASSES:
@@ -261,7 +256,6 @@ _APART = 0.15
 """Fringes between a line and its half order: a crest that is no order line lies farther off."""
 
 _MOST = 0.75
-_KNOWN = 0.5
 
 
 def number_lines(lines: Sequence[Skeleton], order: ArrayLike) -> list[Skeleton]:
@@ -272,14 +266,12 @@ def number_lines(lines: Sequence[Skeleton], order: ArrayLike) -> list[Skeleton]:
     of a crest where the order turns back.
     """
     field = np.asarray(order, dtype=np.float64)
-    return [replace(line, order=_order_of(line, field)) for line in lines]
-
-
-def _order_of(line: Skeleton, order: Floats) -> float | None:
-    """The half order along a line, None where it is not known."""
-    along = order[line_pixels(line.rows, line.cols, order.shape)]
-    known = along[np.isfinite(along)]
-    if known.size == 0 or known.size < _KNOWN * along.size:
-        return None
-    level = 0.5 * np.rint(2.0 * np.median(known))
-    return float(level) if (np.abs(known - level) < _APART).mean() >= _MOST else None
+    numbered = []
+    for line in lines:
+        along = field[line_pixels(line.rows, line.cols, field.shape)]
+        known = along[np.isfinite(along)]
+        level = 0.5 * np.rint(2.0 * np.median(known)) if known.size else 0.0
+        near = np.count_nonzero(np.abs(known - level) < _APART)
+        tells = 0 < along.size <= 2 * known.size and near >= _MOST * known.size
+        numbered.append(replace(line, order=float(level) if tells else None))
+    return numbered

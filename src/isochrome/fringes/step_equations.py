@@ -31,8 +31,8 @@ from scipy.ndimage import gaussian_filter, maximum_filter
 
 from isochrome.errors import InputError
 from isochrome.estimation import POOR_CHI
-from isochrome.fringes.on_branch import LARGEST_MISFIT, LARGEST_UNCERTAINTY
-from isochrome.fringes.windows import Array, Mask, pooled
+from isochrome.fringes.on_branch import LARGEST_MISFIT, LARGEST_UNCERTAINTY, WIDE_PX, WINDOW_PX
+from isochrome.fringes.windows import COMPLETE, DIMMEST, POOLED_PX, Array, Mask, pooled
 from isochrome.optics import Chain
 
 BACKGROUND, AMPLITUDE, COSINE, CROSS, CROSS_SINE, SINE, SINE_SINE = range(7)
@@ -54,8 +54,9 @@ _SETS = (
 )
 """What is solved for, the fullest set first that the steps tell apart."""
 
-_PASSES = 4
-"""Each takes out what the one before left, but for a share of the size of the elements' errors."""
+_PASSES = 3
+"""Each takes out what the one before left, but for a share of the size of the elements' errors. So
+often, too, all is solved where the steps leave something out, with the direction of before."""
 
 _ADVICE = {
     COSINE: "cos δ (add the circular dark and bright fields: polariser_deg = 90, input_plate_deg = "
@@ -140,8 +141,8 @@ def step_row(chain: Chain) -> list[float]:
 def make_design(chains: Sequence[Chain]) -> StepDesign:
     """The equations of a set of steps, of the unknowns that they tell apart, and their solution.
 
-    Background and amplitude, and 4θ, are left out where the steps do not give them: six circular
-    steps need neither. InputError, with the steps to add, where cos δ or sin δ cannot be told.
+    Six circular steps need neither background nor amplitude. InputError, with the steps to add,
+    where cos δ or sin δ cannot be told.
     """
     matrix = np.array([step_row(chain) for chain in chains]).reshape(-1, 7)
     for solved, weakest in (*((columns, _WEAKEST) for columns in _SETS), (_SETS[0], _NOISIEST)):
@@ -153,19 +154,13 @@ def make_design(chains: Sequence[Chain]) -> StepDesign:
         # what leaks into the background alone does no harm: it is not used
         if design.leak < _LEAK:
             return design
-    raise InputError(
-        "polariscope_step_steps_do", chains_count=len(chains), missing=_missing(matrix)
-    )
-
-
-def _missing(matrix: Array) -> str:
-    """The unknowns that the steps do not resolve, each with the steps that would."""
+    # the unknowns that the steps do not resolve, each with the steps that would
     columns = _SETS[-1]
     _, values, right = np.linalg.svd(matrix[:, columns], full_matrices=False)
-    determined = right[values > _WEAKEST]
-    resolved = (determined**2).sum(axis=0)
+    resolved = (right[values > _WEAKEST] ** 2).sum(axis=0)
     poor = [j for j, r in zip(columns, resolved, strict=True) if j in _ADVICE and r < 0.9]
-    return ", nor ".join(_ADVICE[j] for j in poor or _ADVICE)
+    missing = ", nor ".join(_ADVICE[j] for j in poor or _ADVICE)
+    raise InputError("polariscope_step_steps_do", chains_count=len(chains), missing=missing)
 
 
 def solve_steps(stack: Array, design: StepDesign, direction: Array | None = None) -> StepTerms:
@@ -199,19 +194,11 @@ def _terms(maps: Array, design: StepDesign) -> StepTerms:
     return StepTerms(amplitude, solved[COSINE], sine, cross)
 
 
-DIRECTION_PX = 1.6
-_WIDE_PX = 6.0
 _WIDE_SPREAD = 0.2
 """What the wide window's 4θ is trusted to (rad), where the narrow one has nothing: whole orders."""
 
 _OFF = 0.007
 """Light, of the amplitude, that elements 0.2 degree off add: 0.0035 rad, twice in 2θ."""
-
-_BENT_PX = 3.0
-"""Window over which the misfit of a bent direction is pooled."""
-
-_MOST = 0.95
-"""Share of a window that must be seen for it to be beside no edge."""
 
 
 @dataclass(frozen=True)
@@ -228,18 +215,11 @@ class Direction:
     @property
     def spread(self) -> Array:
         """The same noise of 2θ if it were independent from pixel to pixel (rad)."""
-        return np.asarray(2.0 * np.minimum(self.scatter, 0.5) * np.sqrt(4.0 * np.pi) * DIRECTION_PX)
-
-    def noisier(self, times: Array) -> Direction:
-        """The same where the light's noise is some times what was stated (rows, cols)."""
-        more = np.square(self.scatter) * (np.square(times) - 1.0)
-        uncertainty = np.sqrt(np.square(self.uncertainty) + more)
-        return replace(self, scatter=self.scatter * times, uncertainty=uncertainty)
+        return np.asarray(2.0 * np.minimum(self.scatter, 0.5) * np.sqrt(4.0 * np.pi) * WINDOW_PX)
 
 
 def four_theta(terms: StepTerms, design: StepDesign, sigma: Array | float) -> tuple[Array, Array]:
-    """Each pixel's information on 4θ, as a complex number along exp 4iθ, and its size, both times
-    sigma².
+    """Each pixel's information on 4θ, along exp 4iθ, and its size, both times sigma².
 
     E = S²/(4 vS) + Q (A - c)/vQ, with S = A sin δ exp 2iθ, Q = A (1 - cos δ) exp 4iθ, c = A cos δ,
     and vS, vQ their variances for unit noise; the squares' means of noise are taken off.
@@ -252,7 +232,7 @@ def four_theta(terms: StepTerms, design: StepDesign, sigma: Array | float) -> tu
     size = np.maximum(np.abs(terms.sine) ** 2 - 2.0 * spread * noise, 0.0) / (4.0 * spread)
     if terms.cross is not None:
         spread = 0.5 * (design.variance(CROSS) + design.variance(CROSS_SINE))
-        lift = np.maximum(pooled(terms.amplitude, 2.0 * DIRECTION_PX) - terms.cosine, 0.0)
+        lift = np.maximum(pooled(terms.amplitude, 2.0 * WINDOW_PX) - terms.cosine, 0.0)
         along = along + terms.cross * lift / spread
         size = size + lift**2 / spread
     return along, size
@@ -263,9 +243,9 @@ def find_direction(
 ) -> Direction:
     """The continuous direction of a set of steps, up to 90° over each connected part."""
     along, size = (np.where(valid, part, 0.0) for part in four_theta(terms, design, sigma))
-    narrow, information = _centred(along, size, DIRECTION_PX)
-    wide = pooled(along, _WIDE_PX)
-    area = 4.0 * np.pi * DIRECTION_PX**2
+    narrow, information = _centred(along, size, WINDOW_PX)
+    wide = pooled(along, WIDE_PX)
+    area = 4.0 * np.pi * WINDOW_PX**2
     noise = np.square(sigma)
     wide = wide / np.maximum(np.abs(wide), 1e-30) * noise / (area * _WIDE_SPREAD**2)
     angle = np.angle(narrow + wide)
@@ -273,8 +253,8 @@ def find_direction(
     scatter = 0.25 * np.sqrt(noise / np.maximum(information * area, 1e-30))
     # elements a little off do not average out, nor does what was taken out along the direction
     off = max(_OFF, design.leak) * terms.amplitude
-    doubt = noise / (4.0 * np.pi * _WIDE_PX**2) + np.square(off)
-    bridge = 0.25 * np.sqrt(doubt / np.maximum(pooled(size, _WIDE_PX), 1e-30))
+    doubt = noise / (4.0 * np.pi * WIDE_PX**2) + np.square(off)
+    bridge = 0.25 * np.sqrt(doubt / np.maximum(pooled(size, WIDE_PX), 1e-30))
     bent = _bent(along, size, narrow, scatter, valid)
     return Direction(twice, scatter, np.hypot(scatter, bent), bridge)
 
@@ -286,14 +266,14 @@ def _bent(along: Array, size: Array, narrow: Array, scatter: Array, valid: Mask)
     itself, and noise, whose share is taken off: a sixth of the narrow window's variance. Beside an
     edge the error grows as the window's width instead.
     """
-    double = np.sqrt(2.0) * DIRECTION_PX
+    double = np.sqrt(2.0) * WINDOW_PX
     other, _ = _centred(along, size, double)
     away = 0.25 * np.angle(other * np.conj(narrow))
     share = gaussian_filter(valid.astype(np.float32), double, mode="constant")
-    away *= np.where(share > _MOST, 1.0, 1.0 / (2.0**0.5 - 1.0))
+    away *= np.where(share > COMPLETE, 1.0, 1.0 / (2.0**0.5 - 1.0))
     trust = 1.0 / np.square(scatter)
-    square = pooled(trust * np.square(away) - 1.0 / 6.0, _BENT_PX)
-    return np.asarray(np.sqrt(np.maximum(square, 0.0) / pooled(trust, _BENT_PX)))
+    square = pooled(trust * np.square(away) - 1.0 / 6.0, POOLED_PX)
+    return np.asarray(np.sqrt(np.maximum(square, 0.0) / pooled(trust, POOLED_PX)))
 
 
 def _centred(along: Array, size: Array, window_px: float) -> tuple[Array, Array]:
@@ -329,19 +309,12 @@ def unwrap(phase: Array, mask: Mask) -> Array:
     return np.where(good, np.asarray(unwrap_phase(hidden).filled(0.0)), np.nan)
 
 
-_SOLUTIONS = 3
-"""Solutions where the steps leave something out, each with the direction of the one before."""
-
-_COMPARED = 0.5
-"""Share of the window that must be seen for its misfit to tell."""
-
 _MOST_NOISE = 3.0
 """Times the noise of the whole set that a pixel may have for want of some of its frames."""
 
 _LEAST_CONTRAST = 0.7
 """Of the contrast around: a pixel's area takes that much of it at 0.45 fringe a pixel."""
 
-_DIMMEST = 0.1
 _AROUND_PX = 32
 _MISFIT_PX = 2.0
 
@@ -376,22 +349,37 @@ def measure_steps(
     if (gain > 1.0).any():
         swing, sigma = sigma * np.fmax(turn_gain, 1.0), sigma * np.fmax(gain, 1.0)
     twice = None
-    for _ in range(_SOLUTIONS if design.leaks else 1):
+    for _ in range(_PASSES if design.leaks else 1):
         terms = solve_steps(light, design, twice)
         direction = find_direction(terms, design, sigma=swing, valid=trusted)
         twice = direction.twice
     contrast = np.hypot(terms.cosine, np.abs(terms.sine))
-    readable = trusted & bright_enough(contrast, trusted)
+    brightest = float(np.percentile(contrast[trusted], 90)) if trusted.any() else 0.0
+    lit = trusted & (contrast > DIMMEST * brightest)  # light comes through: no dark surround
+    # a pixel's area leaves sinc(g_x) sinc(g_y) of the contrast, g the gradient in fringes a pixel;
+    # beyond half a fringe a pixel phase turns back on itself, and only the contrast tells
+    usual = pooled(np.where(trusted, contrast, 0.0), _MISFIT_PX)
+    readable = lit & (contrast > _LEAST_CONTRAST * maximum_filter(usual, _AROUND_PX))
     misfit, chi = step_misfit(light, design, sigma, readable & complete)
-    agrees = steps_agree(misfit, readable & complete)
-    direction = direction.noisier(np.maximum(misfit, 1.0))
-    uncertainty = phase_uncertainty(terms, design, direction, sigma) * np.maximum(misfit, 1.0)
+    # an element that is off turns the direction everywhere, also where the light hardly shows it:
+    # where most of the picture does not fit, nothing of it is believed; else all but a part's
+    compared = readable & complete
+    rms = float(np.sqrt(np.mean(np.square(misfit[compared])))) if compared.any() else 1.0
+    isolated = pooled(compared, _MISFIT_PX) < 0.5  # too few about it to compare with
+    agrees = (rms <= POOR_CHI) & (isolated | (misfit <= POOR_CHI * max(rms, 1.0)))
+    times = np.maximum(misfit, 1.0)  # the noise over what was stated
+    more = np.square(direction.scatter) * (np.square(times) - 1.0)
+    direction = replace(
+        direction, scatter=direction.scatter * times,
+        uncertainty=np.sqrt(np.square(direction.uncertainty) + more),
+    )  # fmt: skip
+    uncertainty = phase_uncertainty(terms, design, direction, sigma) * times
     readable &= (uncertainty < LARGEST_UNCERTAINTY) & (
         misfit * sigma < np.maximum(LARGEST_MISFIT * contrast, 2.0 * sigma)
     )
     return StepLight(
         terms=terms, direction=direction, seen=readable,
-        specimen=trusted & _lit(contrast, trusted), contrast=contrast,
+        specimen=lit, contrast=contrast,
         uncertainty=uncertainty, chi=chi, agrees=agrees,
     )  # fmt: skip
 
@@ -432,24 +420,6 @@ def fill_gaps(light: Array, good: Mask, design: StepDesign) -> tuple[Array, Arra
     return filled, gains[0], gains[1]
 
 
-def bright_enough(contrast: Array, trusted: Mask) -> Mask:
-    """Where the fringes' contrast A V is near that of the surroundings: elsewhere they are too
-    fine.
-
-    A pixel's area leaves sinc(g_x) sinc(g_y) of it, g the gradient in fringes a pixel; beyond half
-    a fringe a pixel phase turns back on itself, and only the contrast tells.
-    """
-    usual = pooled(np.where(trusted, contrast, 0.0), _MISFIT_PX)
-    around = maximum_filter(usual, _AROUND_PX)
-    return np.asarray(_lit(contrast, trusted) & (contrast > _LEAST_CONTRAST * around))
-
-
-def _lit(contrast: Array, trusted: Mask) -> Mask:
-    """Where light comes through at all: the specimen, not a dark surround."""
-    brightest = float(np.percentile(contrast[trusted], 90)) if trusted.any() else 0.0
-    return np.asarray(contrast > _DIMMEST * brightest)
-
-
 def step_misfit(
     light: Array, design: StepDesign, sigma: Array | float, readable: Mask
 ) -> tuple[Array, float]:
@@ -468,20 +438,6 @@ def step_misfit(
     weight = np.maximum(pooled(readable, _MISFIT_PX), 1e-6)
     misfit = np.sqrt(np.maximum(pooled(np.where(readable, square, 0.0), _MISFIT_PX), 0.0) / weight)
     return misfit, float(np.sqrt(np.mean(square[readable]))) if readable.any() else float("nan")
-
-
-def steps_agree(misfit: Array, readable: Mask) -> Mask:
-    """Where the light fits the steps as they are stated, so that its direction may be believed.
-
-    An element that is off turns the direction everywhere, also where the light hardly shows it:
-    where most of the picture does not fit, nothing of it is believed; where a part does not, that
-    part.
-    """
-    usual = float(np.sqrt(np.mean(np.square(misfit[readable])))) if readable.any() else 1.0
-    if usual > POOR_CHI:
-        return np.zeros(misfit.shape, dtype=bool)
-    isolated = pooled(readable, _MISFIT_PX) < _COMPARED  # too few about it to compare with
-    return np.asarray(isolated | (misfit <= POOR_CHI * max(usual, 1.0)))
 
 
 def phase_uncertainty(

@@ -58,19 +58,14 @@ from isochrome.estimation import POOR_CHI
 from isochrome.fringes.on_branch import (
     BRANCH,
     LARGEST_UNCERTAINTY,
+    NOTABLE,
     SURE,
+    WINDOW_PX,
     OrderReading,
     make_reading,
 )
-from isochrome.fringes.step_equations import (
-    DIRECTION_PX,
-    Direction,
-    StepLight,
-    StepTerms,
-    measure_steps,
-    unwrap,
-)
-from isochrome.fringes.windows import Array, Mask, block_means, masked, valid_means
+from isochrome.fringes.step_equations import Direction, StepLight, StepTerms, measure_steps, unwrap
+from isochrome.fringes.windows import LARGEST_CHANGE, Array, Mask, block_means, masked, valid_means
 from isochrome.messages import message
 from isochrome.optics import Chain
 
@@ -177,9 +172,6 @@ KnownOrder = tuple[int, int, float]
 _Seed = tuple[KnownOrder, tuple[int, int]]
 """A known order, and the pixel of the part at which it is looked up."""
 
-_SMALLEST_SHARE = 0.02
-"""Of the known pixels: a smaller part has only the user's known orders."""
-
 _NEAR_PX = 3
 _TIE = 0.1
 """Misfit, in fringes, by which two numbers are as good; beyond `BRANCH` none is."""
@@ -222,7 +214,7 @@ def settle(
     numbers = np.full(turns.shape, np.nan)
     parts = []
     for index in (np.argsort(-sizes[1:]) + 1).tolist():
-        if sizes[index] < _SMALLEST_SHARE * sizes[1:].sum() and index not in seeds:
+        if sizes[index] < NOTABLE * sizes[1:].sum() and index not in seeds:
             continue
         inside = labels == index
         equilibrium = balance(
@@ -303,10 +295,7 @@ def _from_model(turns: Array, inside: Mask, model: Array) -> int | None:
     return int(tried[misfit.argmin()]) if first < BRANCH and second > 2.0 * first else None
 
 
-STEEPEST = 0.4
-"""Fringes a pixel: beyond half a fringe phase turns back on itself."""
-
-WINDOW_PX = 1.2
+SMOOTHED_PX = 1.2
 LARGEST_TURN = np.radians(2.0)
 """Standard uncertainty of θ (rad) beyond which a direction is not known."""
 
@@ -361,14 +350,14 @@ def _broken(order: Array, turns: Array, direction: Direction) -> Mask:
             values.swapaxes(0, axis) for values in (turns, direction.twice, off, broken)
         )
         flipped = (twice[1:] * np.conj(twice[:-1])).real < 0.0
-        steep = (np.abs(np.diff(here, axis=0)) > STEEPEST) | (flipped & may[1:])
+        steep = (np.abs(np.diff(here, axis=0)) > LARGEST_CHANGE) | (flipped & may[1:])
         estimate[1:] |= steep
         estimate[:-1] |= steep
     return np.asarray(ndimage.binary_dilation(broken) | (loaded & (direction.bridge > _LOST)))
 
 
 def smoothed(
-    field: Array, uncertainty: Array, known: Mask, windows_px: Sequence[float] = (WINDOW_PX,)
+    field: Array, uncertainty: Array, known: Mask, windows_px: Sequence[float] = (SMOOTHED_PX,)
 ) -> tuple[Array, Array]:
     """n under the widest kernel that leaves it as it is: where its whole support is known.
 
@@ -391,12 +380,9 @@ def smoothed(
     return field, less
 
 
-_WINDOWS_PX = (WINDOW_PX, 4.0)
+_WINDOWS_PX = (SMOOTHED_PX, 4.0)
 _NEAR_HALF = 0.4
 """Order beyond which noise, or fringes, may lead past the half order, where the least one ends."""
-
-_MOST = 0.5
-"""Of the pixels that hang together: a part so large, below half an order, is believed to be so."""
 
 _FEW = 0.9
 _LEAST_ORDER = 4.0
@@ -447,8 +433,15 @@ def read_residual(
     """
     light = measure_steps(stack, chains, sigma=sigma, valid=valid)
     least = np.abs(least_field(light.terms))
-    main = _main_parts(light.specimen | light.seen, light.seen & (least < _NEAR_HALF))
-    shown, *_ = settle_field(light, model=lambda: np.where(main, least, np.nan), compatible=False)
+    # where the order is below a half for most of what hangs together
+    labels, _ = ndimage.label(light.specimen | light.seen)
+    below, count = ndimage.label(light.seen & (least < _NEAR_HALF))
+    owner = np.zeros(count + 1, dtype=int)
+    owner[below.ravel()] = labels.ravel()
+    main = 2 * np.bincount(below.ravel()) > np.bincount(labels.ravel())[owner]
+    main[0] = False
+    known_model = np.where(main[below], least, np.nan)
+    shown, *_ = settle_field(light, model=lambda: known_model, compatible=False)
     field, along, turn, known = _of_load(light, shown, windows_px=_WINDOWS_PX)
     spread = np.fmax(along, 2.0 * np.abs(field) * turn)
     known &= spread < LARGEST_UNCERTAINTY
@@ -464,42 +457,14 @@ def read_residual(
 
 
 def least_field(terms: StepTerms) -> Array:
-    """n of the least order that the light allows, 1/2 at most, pixel by pixel: N exp 2iθ, see the
-    module.
-    """
+    """N exp 2iθ of the least order that the light allows, 1/2 at most, pixel by pixel."""
     size = np.abs(terms.sine)
     order = np.arctan2(size, terms.cosine) / (2.0 * np.pi)
     return np.asarray(order * terms.sine / np.maximum(size, 1e-30))
 
 
-def least_spread(field: Array, along: Array) -> Array:
-    """The noise of `least_field`, the larger of that along n and across.
-
-    Across n it is that of N along, times δ/sin δ, which grows towards the half order.
-    """
-    delta = 2.0 * np.pi * np.minimum(np.abs(field), _NEAR_HALF)
-    return np.asarray(along * np.fmax(1.0, delta / np.maximum(np.sin(delta), 1e-9)))
-
-
-def _main_parts(lit: Mask, near: Mask) -> Mask:
-    """Where the order is below a half for most of what hangs together; `near`, where its least
-    order is well below a half.
-    """
-    labels, _ = ndimage.label(lit)
-    parts, count = ndimage.label(near)
-    owner = np.zeros(count + 1, dtype=int)
-    owner[parts.ravel()] = labels.ravel()
-    most = np.bincount(parts.ravel()) > _MOST * np.bincount(labels.ravel())[owner]
-    most[0] = False
-    return np.asarray(most[parts])
-
-
-_TINY = 1e-9
 _SMALL = 0.15
 """Order below which the least order that the light allows is the order."""
-
-_NOTABLE = 0.02
-"""Share of the directions that is left out and said."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -539,7 +504,7 @@ def read_steps(
     """Read order and isoclinic angle of one state from the images (steps, rows, cols) of its steps.
 
     Equations: the module's. Not known: masked, low contrast, noise over 0.03 fringe, fringes finer
-    than 2.5 pixels, a part's whole number open, or the residual not known. A frame not `valid` is
+    than 3 pixels, a part's whole number open, or the residual not known. A frame not `valid` is
     left out there. `known_order` (row, col, N) and `model`, called where nothing else tells, are
     orders that the frames show, residual stress and all. InputError as `read_residual`.
     """
@@ -559,14 +524,20 @@ def read_steps(
         cosine, readable = np.cos(2.0 * np.pi * reading.order), known
     else:
         cosine, readable = light.terms.cosine / np.maximum(light.contrast, 1e-30), specimen
-    few = []
+    lost = float(np.mean(~light.agrees[clear])) if clear.any() else 0.0
+    remarks = [*warnings]
+    if light.chi > POOR_CHI:
+        none = "" if light.agrees.any() else ": no isoclinic is given"
+        remarks.append(message("chi_steps_angles_plates", chi=light.chi, none=none))
+    if NOTABLE < lost < 1.0:
+        remarks.append(message("no_isoclinic_given_pixels", lost=100.0 * lost, poor_chi=POOR_CHI))
     if reading.kept < 0.5 and all(part.number is not None for part in parts):
-        few.append(message("only_specimen_pixels_could_read", kept=100 * reading.kept))
+        remarks.append(message("only_specimen_pixels_could_read", kept=100 * reading.kept))
     return SteppedReading(
         reading=reading, isoclinic=masked(0.5 * np.degrees(np.angle(field)), turned),
         isoclinic_uncertainty=masked(np.degrees(turn), turned),
         dark_field=masked(0.5 - 0.5 * cosine, readable), contrast=light.contrast.astype(np.float32),
-        chi=light.chi, parts=parts, warnings=(*warnings, *_of_steps(light, clear), *few),
+        chi=light.chi, parts=parts, warnings=tuple(remarks),
     )  # fmt: skip
 
 
@@ -574,13 +545,12 @@ def _of_load(
     light: StepLight,
     shown: Array,
     residual: ResidualStress | None = None,
-    windows_px: Sequence[float] = (WINDOW_PX,),
+    windows_px: Sequence[float] = (SMOOTHED_PX,),
 ) -> tuple[Array, Array, Array, Mask]:
-    """n of the load alone, smoothed, with its noise along and across it.
+    """n of the load alone, smoothed, the noise of |n| and of arg(n)/2 (rad), and where it is known.
 
     The noise of N and θ lies along and across the n that the frames show; the angle between that
-    and the load's own turns it. Returns n, the noise of |n| and of arg(n)/2 (fringes, rad), and
-    where n is known.
+    and the load's own turns it.
     """
     known = np.isfinite(shown)
     shown = np.where(known, shown, 0.0)
@@ -592,29 +562,20 @@ def _of_load(
     field = shown if residual is None else np.where(known, shown - residual.field, 0.0)
     field, along = smoothed(field, light.uncertainty, known, windows_px)
     # what smoothing n takes of the direction's noise, which is pooled already, by both kernels
-    ratio = (WINDOW_PX / DIRECTION_PX) ** 2
+    ratio = (SMOOTHED_PX / WINDOW_PX) ** 2
     smoothed_off = 1.0 - 4.0 / (1.0 + ratio) + 4.0 / (1.0 + 1.5 * ratio) - 1.0 / (1.0 + 2.0 * ratio)
     less = np.where(along < light.uncertainty, smoothed_off, 0.0)
     less *= np.square(light.direction.scatter)
     turn = np.sqrt(np.square(light.direction.uncertainty) - less)
-    across = np.where(small, least_spread(least, along), 2.0 * np.abs(shown) * turn)
+    # across the least n its noise is that of N along, times δ/sin δ, which grows to the half order
+    delta = 2.0 * np.pi * np.minimum(np.abs(least), _NEAR_HALF)
+    of_least = along * np.fmax(1.0, delta / np.maximum(np.sin(delta), 1e-9))
+    across = np.where(small, of_least, 2.0 * np.abs(shown) * turn)
     away = np.angle(shown * np.conj(field))
     taken_off = 0.0 if residual is None else residual.uncertainty
     uncertainty, swing = (
         np.sqrt(np.square(a * np.cos(away)) + np.square(b * np.sin(away)) + np.square(taken_off))
         for a, b in ((along, across), (across, along))
     )
-    turn = swing / np.maximum(2.0 * np.abs(field), _TINY)
+    turn = swing / np.maximum(2.0 * np.abs(field), 1e-30)
     return field, uncertainty, turn, known & (uncertainty < LARGEST_UNCERTAINTY)
-
-
-def _of_steps(light: StepLight, clear: Mask) -> list[str]:
-    """What to say where the light does not fit the steps; `clear`, where it has a direction."""
-    lost = float(np.mean(~light.agrees[clear])) if clear.any() else 0.0
-    remarks = []
-    if light.chi > POOR_CHI:
-        none = "" if light.agrees.any() else ": no isoclinic is given"
-        remarks.append(message("chi_steps_angles_plates", chi=light.chi, none=none))
-    if _NOTABLE < lost < 1.0:
-        remarks.append(message("no_isoclinic_given_pixels", lost=100.0 * lost, poor_chi=POOR_CHI))
-    return remarks

@@ -31,9 +31,16 @@ from scipy.ndimage import gaussian_filter, gaussian_filter1d, map_coordinates
 
 from isochrome.errors import InputError
 from isochrome.estimation import channel_light
-from isochrome.fringes.band_light import CORRECTED, LIKELY, NUMBERS, SENSOR, band_table
-from isochrome.fringes.colour_table import STEP, ColourTable, choose_orders
+from isochrome.fringes.band_light import CORRECTED, FOUND_ERROR, LIKELY, NUMBERS, SENSOR, band_table
+from isochrome.fringes.colour_table import COST_OF_JUMP, STEP, WIDTH, ColourTable, choose_orders
 from isochrome.fringes.windows import (
+    ALIKE,
+    DIFFER,
+    EXPOSED,
+    FAINTEST_LIGHT,
+    FEWEST,
+    LIGHT_ERROR,
+    STRIDE,
     Array,
     Indices,
     Mask,
@@ -43,22 +50,16 @@ from isochrome.fringes.windows import (
     valid_means,
 )
 
-BRIGHTNESS_OFF, EXPOSED, GAMMA_OFF, BACKGROUND_OFF, UNEVEN = 0.02, 0.5, 0.3, 0.05, 0.3
-"""Expected deviations: of the frames' log brightness, where they are exposed alike, and where not
-(`Unknowns.hold_at`); of log gamma, of the background (of full scale) and of a surface's terms
-about the frames' own envelope, over its mean."""
+LIGHT_OFF, BACKGROUND_OFF = 0.3, 0.05
+"""Expected deviations of log gamma, and of a surface's terms about the frames' own envelope, over
+its mean; and of the background (of full scale)."""
 
 UNLIKE = 0.1
 """Expected difference of two channels' surfaces, over their means."""
 
-ALIKE = 0.02
-"""Share by which frames may differ in brightness and still be of one exposure."""
-
 UNTOLD = 0.1
 """Standard uncertainty of a log brightness from which on a frame does not tell its exposure."""
 
-JUMP = 0.35
-"""A step of the order, in fringes, that no smooth field takes from one block to the next."""
 
 _DARKER = -1.0
 """Log brightness below which a frame is taken for one of low orders, not of a short exposure."""
@@ -66,14 +67,6 @@ _DARKER = -1.0
 _GAMMA = NUMBERS
 _FRAMES = NUMBERS + 1
 _FIXED = 1e-6
-_DARKEST = 1e-3
-_DIMMEST = 0.02
-_LEAST_CONTRAST = 0.01
-_ROWS = 3
-
-TABLE_ERROR = 0.003
-"""Of a table at best, of full light, that neighbouring orders share: what a frame without noise is
-still weighed by."""
 
 
 @dataclass(frozen=True)
@@ -117,7 +110,7 @@ class Unknowns:
         Most cameras keep their exposure, and a few do not: each frame's log brightness b is
         expected to be 0 with the weight 1/(s² + b²), of a Cauchy distribution of the width s.
         """
-        return self.hold_of(np.hypot(BRIGHTNESS_OFF, theta[self.frames]))
+        return self.hold_of(np.hypot(ALIKE, theta[self.frames]))
 
     def hold_of(self, off: Array | float) -> Array:
         """The same where log brightness is expected to be 0 with the deviations `off`."""
@@ -152,16 +145,15 @@ class Unknowns:
             background = dark**gamma
         if bright is not None:
             return background, bright**gamma - background
-        return background, spread_out(theta[start:].reshape(3, len(self.surface)), self.surface)
+        terms = theta[start:].reshape(3, len(self.surface))
+        return background, np.moveaxis(np.tensordot(terms, self.surface, axes=1), 0, -1)
 
     def shown(
         self, theta: Array, frame: int, relief: Array | float = 1.0
     ) -> tuple[Array, Array, Array, Array, Array]:
-        """One frame by the unknowns as they are.
+        """One frame's signal, noise and variance, background and contrast at full signal.
 
-        Its signal, NaN where it is not usable, its noise, and with the no-load frames' noise its
-        variance, the background and the contrast that the light would have at full signal, (rows,
-        cols, 3) each.
+        NaN where it is not usable; the variance has the no-load frames' noise too.
         """
         gamma, shots = float(np.exp(theta[_GAMMA])), self.shots
         exposure = np.exp(theta[_FRAMES + frame])
@@ -170,7 +162,7 @@ class Unknowns:
         contrast = exposure * illumination * np.asarray(relief)[..., None]
         usable = shots.valid[frame] & (contrast > 0.0)
         light = np.where(usable, np.maximum(shots.raw[frame], 0.0), 0.0)
-        noise = gamma * np.maximum(light, _DIMMEST) ** (gamma - 1.0) * shots.noise[frame]
+        noise = gamma * np.maximum(light, FAINTEST_LIGHT) ** (gamma - 1.0) * shots.noise[frame]
         contrast = np.where(usable, contrast, 1.0)
         signal = np.where(usable, (light**gamma - background) / contrast, np.nan)
         share = np.clip(np.nan_to_num(signal), 0.0, 1.0)
@@ -183,11 +175,7 @@ class Unknowns:
     def design(
         self, theta: Array, frame: int, at: Array, ends: list[Array], ideal: Array, change: Array
     ) -> Array:
-        """Derivatives (pixels, 3, unknowns) of the model's light, less those of the frame's.
-
-        `at` some pixels, of `ideal` signals (pixels, 3), and their `change` by the light's numbers
-        (pixels, 3, 11), with the `ends`, the frame's background and contrast there (pixels, 3).
-        """
+        """Derivatives (pixels, 3, unknowns) of the model's light, less the frame's."""
         gamma, shots = float(np.exp(theta[_GAMMA])), self.shots
         _, contrast = ends
         design = np.zeros((len(at), 3, len(theta)))
@@ -217,13 +205,8 @@ class Unknowns:
 
 def _by_gamma(raw: Array, gamma: float) -> Array:
     """d raw^gamma / d log gamma."""
-    level = np.maximum(raw, _DARKEST)
+    level = np.maximum(raw, FAINTEST_LIGHT)
     return np.asarray(gamma * level**gamma * np.log(level))
-
-
-def spread_out(shape: Array, surface: Array) -> Array:
-    """Surfaces (rows, cols, channels) of coefficients (channels, k) over terms (k, rows, cols)."""
-    return np.moveaxis(np.tensordot(shape, surface, axes=1), 0, -1)
 
 
 def in_blocks(shots: ColourShots, blocks: int) -> ColourShots:
@@ -274,12 +257,12 @@ def unknowns(
     shown = shown / np.exp(brightness)[:, None, None, None]
     if ends:
         low, high = np.nanpercentile(shown, (0.5, 99.5), axis=(0, 1, 2))
-        if not (high - low > _LEAST_CONTRAST).all():
+        if not (high - low > FAINTEST_LIGHT).all():
             fringeless = "frame_shows_no_fringes_normalise", "frames_show_no_fringes"
             raise InputError(fringeless[table is None])
     frames, numbers = len(shown), SENSOR if isinstance(light, ColourTable) else light
     parts = [numbers, np.array([np.log(gamma)]), np.zeros(frames)]
-    off = [LIKELY, np.array([_FIXED if fixed else GAMMA_OFF]), np.full(frames, np.inf)]
+    off = [LIKELY, np.array([_FIXED if fixed else LIGHT_OFF]), np.full(frames, np.inf)]
     if shots.dark is None:
         parts.append(low)
         off.append(np.full(3, BACKGROUND_OFF))
@@ -290,7 +273,7 @@ def unknowns(
         shape = np.zeros((3, len(surface)))
         shape[:, 0] = 0.9 * (high - low) / np.ptp(ideal.signal, axis=0)
         parts.append(shape.ravel())
-        off.append(np.repeat(UNEVEN * np.abs(shape[:, 0]), len(surface)))
+        off.append(np.repeat(LIGHT_OFF * np.abs(shape[:, 0]), len(surface)))
     expected = np.concatenate(parts)
     hold = np.diag(np.concatenate(off) ** -2.0)
     if shots.bright is None:  # the channels' surfaces are alike in form
@@ -320,20 +303,17 @@ def _brightness(light: Array, shots: ColourShots, gamma: float) -> tuple[Array, 
     return np.where(ratio < _DARKER, 0.0, ratio), int(np.argmax(top))
 
 
-BEND_WIDTH = 0.04
-"""Fringes over which the bend is smoothed, standard deviation."""
-
 RELIEF_WIDTH = 0.03
-"""The same of the relief, over the frame's longer side."""
+"""Window over which the relief is smoothed, over the frame's longer side."""
 
 STRANGE = 0.15
 """What a pixel's colour leaves, of full light, beyond which it is not the table's."""
 
-_GAIN = 0.7
 _LEAST_SLOPE = 0.3
 
-BLOCKS = 300_000
-"""Blocks of pixels, of all frames of a light that is not known, that the search works on, about."""
+BLOCKS = 150_000
+"""Blocks of pixels, of all frames of a light that is not known, that the search works on, about;
+and pixels of a frame from which on its branches are chosen for blocks of 2 x 2 of them."""
 
 FRAME_BLOCKS = 2_000
 """The same of one frame in a light whose table is known."""
@@ -345,22 +325,17 @@ TRIALS = 900.0
 """Independent trials that the pixels are taken to stand for where the table is found with the rest:
 neighbours share their errors."""
 
-ROUNDS, RELIEF_FROM, BEND_FROM = 12, 3, 7
-"""Rounds at most, and those from which on the illumination's relief, and the table's bend, are
-found too."""
+ROUNDS, UNSMOOTH_FROM = 12, 5
+"""Rounds at most, and from which on the illumination's relief and the table's bend are found."""
 
-_DOUBT, _LEAST_DOUBT = 0.15, (TABLE_ERROR, 0.03)
-"""How far signals are taken to be off at first, half as far in each round, and with a known table
-and a found one at last, of full light."""
+_LEAST_DOUBT = (LIGHT_ERROR, FOUND_ERROR)
+"""How far signals are taken to be off at last, of full light, with a known table and a found one;
+at first it is as far as colours are a table's at all, and half as far in each round."""
 
 _REST = 1e-3
 _SAMPLES = 16_000
-_FEWEST = 50
-_FARTHEST = 25.0
-_LARGEST_STEP = 0.3
-_FITS, _AS_WELL, _SURE = 4.0, 0.5, 2.0
-"""chi² of a pixel that fits; by how much less another exposure must leave, and how far off it must
-be, in its standard uncertainties, to be one."""
+_FITS, _AS_WELL = 4.0, 0.5
+"""chi² of a pixel that fits, and by how much less another exposure must leave."""
 
 _LOWEST = 0.15
 """Order below which colours of one hue say nothing of the exposure but through noise."""
@@ -414,7 +389,7 @@ class FrameLight:
 
 @dataclass(frozen=True, kw_only=True)
 class _Look:
-    """What one frame says: `equations` of some of its pixels, see `_correction`.
+    """What one frame says: `equations` of some of its pixels, see `_State.correction`.
 
     `pixels`, their numbers; `place`, rows of the table that these are nearest to, and `away`, their
     signals less the table's; `square`, mean square of that in each pixel; `order`; `torn`, share of
@@ -454,13 +429,23 @@ class _State:
         return np.concatenate([getattr(look, name) for look in self.looks])
 
     def correction(self, known: Unknowns, hold: Array) -> tuple[Array, Array]:
-        """Change of the unknowns and their covariance, expected as by the equations `hold`."""
+        """Change of the unknowns and their covariance, every pixel's order being free.
+
+        `hold`, the normal equations of what is expected.
+        """
         equations = (look.equations for look in self.looks)
         design, residual, along = map(np.concatenate, zip(*equations, strict=True))
         share = len(residual) / TRIALS if known.table is None else 1.0
         back = known.expected - self.theta
-        step, covariance = _correction(design, residual, along, share * hold, back)
-        return step, share * covariance
+        flat, residual = _across(design, along), _across(residual, along)
+        size = np.sum(residual**2, axis=1)
+        usual = max(float(np.median(size)), 1e-12) if len(size) else 1.0
+        weight = 1.0 / (1.0 + (size / (9.0 * usual)) ** 2)
+        normal = np.einsum("p,pcn,pcm->nm", weight, flat, flat, optimize=True) + share * hold
+        right = np.einsum("p,pcn,pc->n", weight, flat, residual) + share * hold @ back
+        scale = max(1.0, usual / np.log(4.0))  # the median of chi² with two degrees of freedom
+        inverse = np.linalg.inv(normal)
+        return inverse @ right, share * scale * inverse
 
 
 def find_light(
@@ -535,7 +520,7 @@ def find_frame_light(
         state, _ = _search(known)
         _, covariance = state.correction(known, known.hold)
         theta, variance = state.theta, _order_variance(state, covariance, shape)
-    elif np.isfinite(known.shown(theta, 0)[0]).all(axis=-1).sum() < _FEWEST:
+    elif np.isfinite(known.shown(theta, 0)[0]).all(axis=-1).sum() < FEWEST:
         exposure, variance = FrameExposure(1.0, EXPOSED), np.full(shape, EXPOSED**2)
     else:
         state, spread = _exposed(known, table)
@@ -577,7 +562,7 @@ def _exposed(known: Unknowns, table: ColourTable) -> tuple[_State, float]:
         spread = max(spread, _log_spread(alike, table))
     if np.nanpercentile(alike.looks[0].order, 98.0) < _LOWEST:
         return alike, EXPOSED
-    same = abs(away) < ALIKE or (as_well and abs(away) < _SURE * spread)
+    same = abs(away) < ALIKE or (as_well and abs(away) < DIFFER * spread)
     return (alike if same else best), spread
 
 
@@ -586,7 +571,7 @@ def _log_spread(state: _State, table: ColourTable) -> float:
     (look,) = state.looks
     design, _, along = look.equations
     column = _across(design[..., _FRAMES], along)
-    shared = np.hypot(TABLE_ERROR, 0.5 * float(table.spread.max()))
+    shared = np.hypot(LIGHT_ERROR, 0.5 * float(table.spread.max()))
     information = float(np.sum(column**2)) + 1e-9
     by_table = shared * float(np.sum(np.abs(column) * look.weight)) / information
     return float((1.0 / (1.0 / information + by_table**2) + EXPOSED**-2) ** -0.5)
@@ -597,18 +582,18 @@ def _search(
 ) -> tuple[_State, float]:
     """Look orders up and correct the unknowns, in turn; from a log brightness where ends are known.
 
-    Returns where that comes to rest, and the table's last change, 1 where it led away from there.
+    To where that rests, and the table's last change, 1 where it led away from there.
     """
     theta, least = known.start.copy(), _LEAST_DOUBT[known.table is None]
-    doubt = _DOUBT if brightness is None else least
+    doubt = STRANGE
     if brightness is not None:
-        theta[known.frames] = brightness
+        doubt, theta[known.frames] = least, brightness
     bend = np.zeros((int(known.highest_order / STEP) + 2, 3))  # added to the bands' table
     relief = np.ones(known.shots.raw.shape[1:3])  # a factor of the illumination
     before: _State | None = None
     for turn in range(rounds):
         state = _state(known, theta, bend, relief, doubt)
-        if len(state.all_of("place")) < _FEWEST and brightness is None:
+        if len(state.all_of("place")) < FEWEST and brightness is None:
             if before is None or known.table is not None:
                 unlike = "frame_colours_not_table", "colours_frames_not_recognised"
                 raise InputError(unlike[known.table is None])
@@ -617,25 +602,14 @@ def _search(
         at_rest = known.table is not None and doubt == least and np.abs(step).max() < _REST
         if turn + 1 == rounds or at_rest:
             break
-        before, theta = state, theta + np.clip(step, -_LARGEST_STEP, _LARGEST_STEP)
+        before, theta = state, theta + np.clip(step, -LIGHT_OFF, LIGHT_OFF)
         doubt = max(0.5 * doubt, least)
-        if known.table is None:
-            bend, relief = _unsmooth(state, turn, bend)
+        if known.table is None and turn >= UNSMOOTH_FROM:
+            bend = bend + added_bend(state, len(bend))
+            relief = relief * (1.0 + added_relief(state))
     tables = [each.table.signal for each in (before or state, state)]
     both = min(map(len, tables))
     return state, float(np.abs(tables[0][:both] - tables[1][:both]).max())
-
-
-def _unsmooth(state: _State, turn: int, bend: Array) -> tuple[Array, Array]:
-    """The table's bend and the illumination's relief by what a round has left."""
-    relief = state.relief
-    if turn >= BEND_FROM:
-        bend = bend + added_bend(state, len(bend))
-    if turn >= RELIEF_FROM:
-        relief = relief * (
-            1.0 + added_relief(np.sum([look.relief for look in state.looks], axis=0))
-        )
-    return bend, relief
 
 
 def _state(known: Unknowns, theta: Array, bend: Array, relief: Array, doubt: float) -> _State:
@@ -649,26 +623,26 @@ def _state(known: Unknowns, theta: Array, bend: Array, relief: Array, doubt: flo
 def added_bend(state: _State, length: int) -> Array:
     """What pixels add to the bend (length, 3): what they leave at each order, across the curve."""
     table, place = state.table, state.all_of("place")
-    size, width = len(table.signal), BEND_WIDTH / STEP
+    size, width = len(table.signal), WIDTH / STEP
     clipped = np.clip(state.all_of("away"), -STRANGE, STRANGE).T
     sums = [np.bincount(place, weights=w, minlength=size) for w in (np.ones(len(place)), *clipped)]
     count, *total = gaussian_filter1d(np.array(sums), width, axis=1, mode="constant")
     mean = (np.array(total) / (count + 1.0)).T
     added = np.zeros((length, 3))
     smooth = gaussian_filter1d(table.slope, 0.5 * width, axis=0)
-    added[:size] = _GAIN * _across(mean, smooth, _LEAST_SLOPE)
+    added[:size] = _across(mean, smooth, _LEAST_SLOPE)
     return added
 
 
-def added_relief(sums: Array) -> Array:
-    """What frames add to the relief, over it, (rows, cols), by the pixels' `sums` (2, rows, cols).
+def added_relief(state: _State) -> Array:
+    """What frames add to the relief, over it: Σ r·a / Σ a·a over a window and all frames.
 
-    Σ r·a / Σ a·a over a window and all frames, r the rests and a the signals, both across the curve
-    of colours.
+    r the rests and a the signals, both across the curve of colours.
     """
+    sums = np.sum([look.relief for look in state.looks], axis=0)
     width = RELIEF_WIDTH * max(sums.shape[1:])
     smoothed, size = (gaussian_filter(part, width) for part in sums)
-    return np.asarray(_GAIN * smoothed / (size + 0.01))
+    return np.asarray(smoothed / (size + 0.01))
 
 
 def _look(
@@ -684,8 +658,8 @@ def _look(
     signal, noise, variance, *ends = known.shown(theta, frame, relief)
     variance = variance + doubt**2 + table.spread**2
     choice = choose_orders(signal.astype(np.float32), variance.astype(np.float32), table)
-    tears = beside_jumps(choice.order, JUMP)
-    inside = ~tears & np.isfinite(signal).all(axis=-1) & (choice.misfit < _FARTHEST)
+    tears = beside_jumps(choice.order)
+    inside = ~tears & np.isfinite(signal).all(axis=-1) & (choice.misfit < COST_OF_JUMP)
     inside &= table.coloured(signal, STRANGE)
     place = table.place(choice.order[inside])
     ideal, slope = table.signal[place], table.slope[place]
@@ -708,7 +682,7 @@ def _look(
     relief_sums[0][inside] = np.sum(np.clip(away, -STRANGE, STRANGE) * across, axis=1)
     relief_sums[1][inside] = np.sum(across**2, axis=1)
     complete = np.isfinite(signal).all(axis=-1) & readable
-    misfit = np.minimum(choice.misfit[complete], _FARTHEST)
+    misfit = np.minimum(choice.misfit[complete], COST_OF_JUMP)
     # of the two equations a block: else a shorter exposure, with more noise, would fit better
     by_noise = 2.0 * float(np.log(variance[complete] / noise[complete] ** 2).mean(axis=-1).sum())
     return _Look(
@@ -726,29 +700,9 @@ def _across(part: Array, along: Array, least: float = 1e-9) -> Array:
     return np.asarray(part - np.einsum("pc,p...->pc...", unit, explained))
 
 
-def _correction(
-    design: Array, residual: Array, along: Array, hold: Array, back: Array
-) -> tuple[Array, Array]:
-    """Change of the unknowns with every pixel's order free, and their covariance.
-
-    Parameters, all weighted by 1/sigma: `design` (pixels, channels, unknowns), `residual` and
-    `along`, dI/dN (pixels, channels); `hold`, the prior's normal equations; `back`, from the
-    unknowns to the prior's own.
-    """
-    flat, residual = _across(design, along), _across(residual, along)
-    size = np.sum(residual**2, axis=1)
-    usual = max(float(np.median(size)), 1e-12) if len(size) else 1.0
-    weight = 1.0 / (1.0 + (size / (9.0 * usual)) ** 2)
-    normal = np.einsum("p,pcn,pcm->nm", weight, flat, flat, optimize=True) + hold
-    right = np.einsum("p,pcn,pc->n", weight, flat, residual) + hold @ back
-    scale = max(1.0, usual / np.log(4.0))  # the median of chi² with two degrees of freedom
-    inverse = np.linalg.inv(normal)
-    return inverse @ right, scale * inverse
-
-
 def _noise(frame: Array, valid: Mask) -> Array:
     """Noise (channels,) of a no-load frame: fourth differences along every third row, by median."""
-    rows, good = frame[::_ROWS].astype(np.float32), valid[::_ROWS]
+    rows, good = frame[::STRIDE].astype(np.float32), valid[::STRIDE]
     rough = sum(
         weight * rows[:, i : rows.shape[1] - 4 + i]
         for i, weight in enumerate((1.0, -4.0, 6.0, -4.0, 1.0))

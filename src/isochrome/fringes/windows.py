@@ -11,7 +11,9 @@ Array = NDArray[Any]
 Mask = NDArray[np.bool_]
 Indices = NDArray[np.intp]
 
-_REACH = 3.0
+TURN = 2.0 * np.pi
+
+REACH = 3.0
 """Standard deviations that a window of `Windows` extends."""
 _COARSE = 1.75
 """Its least width in the pixels that it is summed on."""
@@ -98,7 +100,7 @@ class Windows:
             self._halved.append(halved(self._halved[-1]))
         each = float(width_px**2 / square * block**2)  # of so many pixels each is the mean
         width = float(np.sqrt(square)) / block
-        small = gaussian_sum(self._halved[times], width, reach=_REACH, factor=each)
+        small = gaussian_sum(self._halved[times], width, reach=REACH, factor=each)
         return expanded(small, shape, 2**times)
 
 
@@ -150,11 +152,46 @@ def masked(values: Array, known: Mask, nothing: float = np.nan) -> Array:
     return result
 
 
-def beside_jumps(order: Array, largest: float) -> Mask:
-    """Pixels (rows, cols) on either side of a step of the order that is larger (fringes)."""
+LARGEST_CHANGE = 0.35
+"""Fringes from one pixel, or one frame, to the next that are followed: below half of the distance
+of 1 after which the light is the same, with a margin for what noise and fields add."""
+
+POOLED_PX = 3.0
+"""Window over which what changes slowly is pooled, standard deviation."""
+
+LIGHT_ERROR = 0.003
+"""Of light, or of a table of it, at best, of full light, that neighbours share: what a frame
+without noise is still weighed by."""
+
+DIMMEST = 0.1
+"""Contrast, over that of the brightest places, below which a pixel is without light."""
+
+ALIKE, EXPOSED, DIFFER = 0.02, 0.5, 3.0
+"""Share by which frames may differ in brightness and still be of one exposure; the deviation of log
+brightness where nothing tells it; by how many standard uncertainties another exposure differs."""
+
+ROUNDS, MOVES = 8, 3
+"""Steps at most of a fit that reweights or bends, and moves of an order over a window."""
+
+FAINTEST_LIGHT = 0.01
+"""Light, of full scale or of the contrast, that is as good as none."""
+
+COMPLETE = 0.95
+"""Share of a window that must be seen for it to be beside no edge."""
+
+STRIDE, FEWEST = 3, 50
+"""Every so many pixels tell as much as all, and as few tell nothing."""
+
+MOSTLY = 97.0
+"""Per cent of the pixels that are judged together: about a force the order changes faster than it
+can be followed, and there it is lost alone."""
+
+
+def beside_jumps(order: Array) -> Mask:
+    """Pixels (rows, cols) on either side of a step that no smooth order takes."""
     steep = np.zeros(order.shape, dtype=bool)
     for axis in (0, 1):
-        jump = np.abs(np.diff(order.swapaxes(0, axis), axis=0)) > largest
+        jump = np.abs(np.diff(order.swapaxes(0, axis), axis=0)) > LARGEST_CHANGE
         here = steep.swapaxes(0, axis)
         here[1:] |= jump
         here[:-1] |= jump

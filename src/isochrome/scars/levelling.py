@@ -169,14 +169,16 @@ def fit_roughness(heights_um: Array, unworn: Mask, form: Array, spacing_mm: floa
     return Roughness(spacing_mm, bands.edges_per_mm, np.exp(log_power), np.linalg.inv(information))
 
 
+STANDS_OUT = 5.0
+"""Depth over its uncertainty from which a scar stands out, and a ridge's area over its own: chance
+finds 3.5 to 4 when it may choose place and width. As many robust standard deviations are no
+roughness but a spike, dust or a scratch."""
+
 MOST_BINS = 240
 """Bins of a trace: a scar of a tenth of it has 24, and their covariance is a small matrix."""
 
 _HALF_WINDOW = 7
 """Points on each side of the running median that a spike is told from."""
-
-_SPIKE = 7.0
-"""Robust standard deviations that no rough surface reaches in ten thousand points."""
 
 
 @dataclass(frozen=True)
@@ -199,36 +201,26 @@ class BinnedTrace:
         return float(self.x_mm[1] - self.x_mm[0])
 
 
-def without_spikes(z_um: Array) -> Mask:
-    """Which points are no spikes: near the running median of their neighbours (n,).
-
-    The distance is told in robust standard deviations, 1.4826 times the median distance.
-    """
-    half = min(_HALF_WINDOW, (len(z_um) - 1) // 4)
-    padded = np.pad(z_um, half, mode="reflect", reflect_type="odd")
-    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1)
-    away = np.abs(z_um - np.median(windows, axis=1))
-    size = 1.4826 * float(np.median(away))
-    largest = float(np.abs(z_um).max())
-    return np.asarray(away <= max(_SPIKE * size, 1e-9 * largest))
-
-
 def bin_trace(trace: Trace) -> BinnedTrace:
-    """Bin a trace, without its spikes; the line through its ends is taken off and put back.
-
-    Means over bins of points at unequal x would carry the tilt otherwise.
-    """
+    """Means over bins without spikes; points at unequal x carry no tilt into them."""
     x, z = trace.x_mm, trace.z_um
     slope = (z[-1] - z[0]) / (x[-1] - x[0])
     line = slope * (x - x[0])
-    good = without_spikes(z - line)
+    # spikes lie off the running median of their neighbours
+    heights = z - line
+    half = min(_HALF_WINDOW, (len(z) - 1) // 4)
+    padded = np.pad(heights, half, mode="reflect", reflect_type="odd")
+    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1)
+    away = np.abs(heights - np.median(windows, axis=1))
+    size, largest = 1.4826 * float(np.median(away)), float(np.abs(heights).max())
+    good = away <= max(STANDS_OUT * size, 1e-9 * largest)
     count = min(MOST_BINS, len(x) // 2)
     step = (x[-1] - x[0]) / count
     place = np.minimum(((x - x[0]) / step).astype(int), count - 1)
     members = np.bincount(place[good], minlength=count)
     filled = members == 0
     middle = x[0] + step * (np.arange(count) + 0.5)
-    mean = np.bincount(place[good], (z - line)[good], minlength=count) / np.maximum(members, 1)
+    mean = np.bincount(place[good], heights[good], minlength=count) / np.maximum(members, 1)
     mean[filled] = np.interp(middle[filled], middle[~filled], mean[~filled])
     z_um = mean + slope * (middle - x[0])
     return BinnedTrace(trace.name, middle, z_um, filled, int((~good).sum()))
@@ -372,10 +364,7 @@ class ScarShape:
 
 
 def whitening(x_mm: Array, covariance: Array) -> Array:
-    """Heights to what is white, with the form taken off (n, n).
-
-    The root of the inverse covariance of roughness and form, and from that the tilt projected out.
-    """
+    """Heights to what is white (n, n): roughness and form taken off, and the tilt projected out."""
     form, spread = legendre(x_mm, FORM_DEGREES[-1]), form_spread(x_mm, FORM_DEGREES[-1])
     curved = form[:, 2:] * spread[2:]
     root = np.linalg.inv(np.linalg.cholesky(covariance + curved @ curved.T))
@@ -433,10 +422,6 @@ def refine_place(x_mm: Array, z_um: Array, start: ScarShape, white: Array) -> Sc
     )  # fmt: skip
 
 
-STANDS_OUT = 5.0
-"""Depth over its uncertainty from which a scar stands out, and a ridge's area over its own: chance
-finds 3.5 to 4 when it may choose place and width."""
-
 _GUARD = 2.0
 """Guard beside an edge, over its standard uncertainty; a bin at the least."""
 
@@ -451,9 +436,6 @@ _FEWEST_BINS = 20
 
 _SHALLOWEST = 2e-5
 """Depth over width of a scar, of which less is a slip of units: 20 nm over a millimetre."""
-
-_LOUD = 5.0
-"""Robust standard deviations beyond which a bin of a shoulder is no roughness (dust, a scratch)."""
 
 
 class UnclearScarError(PhysicsError):
@@ -549,7 +531,7 @@ def _shoulders(bins: BinnedTrace, place: ScarShape) -> Mask:
         form = legendre(bins.x_mm, FORM_DEGREES[-1])
         beta = np.linalg.lstsq(form[unworn], bins.z_um[unworn], rcond=None)[0]
         away = np.abs(bins.z_um - form @ beta)
-        unworn = unworn & (away <= _LOUD * 1.4826 * float(np.median(away[unworn])) + 1e-12)
+        unworn = unworn & (away <= STANDS_OUT * 1.4826 * float(np.median(away[unworn])) + 1e-12)
     return np.asarray(unworn)
 
 

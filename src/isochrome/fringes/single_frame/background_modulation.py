@@ -39,19 +39,28 @@ from isochrome.fringes.single_frame.end_images import (
 )
 from isochrome.fringes.single_frame.end_search import (
     NOT_TOLD,
+    OVERLAP,
     TONES,
     EndProblem,
     Found,
     eliminated,
     ends_at,
     fresh_patches,
-    overlap,
     possible,
     search_all,
     search_on,
 )
 from isochrome.fringes.single_frame.patches import binned
-from isochrome.fringes.windows import Array, Mask, gaussian
+from isochrome.fringes.windows import (
+    ALIKE,
+    DIFFER,
+    EXPOSED,
+    LIGHT_ERROR,
+    POOLED_PX,
+    Array,
+    Mask,
+    gaussian,
+)
 
 _LEAST_PIXELS = 100
 """Binned pixels that the shorter side of a frame keeps, eight patches or so: the ends vary slowly,
@@ -90,10 +99,7 @@ class BackgroundModulation:
     others: tuple[BackgroundModulation, ...] = field(default=(), repr=False)
 
     def signal_uncertainty(self, light: Array) -> Array:
-        """Standard uncertainty of s = (I^g - D)/(B - D) by that of D, B and g (rows, cols).
-
-        Parameters: `light` I (rows, cols), linear but for the exponent g.
-        """
+        """Standard uncertainty of s = (I^g - D)/(B - D), of a light I, by that of D, B and g."""
         level = np.maximum(light, _BLACK)
         linear = level**self.tone
         contrast = np.maximum(self.bright - self.dark, _BLACK)
@@ -123,11 +129,10 @@ def fit_background_modulation(
     bright: Array | None = None,
     tone: bool = False,
 ) -> BackgroundModulation:
-    """Find the dark and bright ends of a frame in which both occur.
+    """Find the dark and bright ends of a frame in which both occur, but for those that are given.
 
-    `light`, linear but for an exponent where `tone` asks for it; `dark`, `bright`: ends that
-    no-load frames give, of the same linearity. InputError where the frame has no contrast, or no
-    fringe that can be followed, or where its fringes leave ends or exponent open.
+    `light`, linear but for an exponent where `tone` asks for it, as `dark` and `bright`. InputError
+    without contrast or fringes, or where these leave ends or exponent open.
     """
     problem, starts = _problem(light, sigma, valid, (dark, bright), tone)
     results = _searched(problem, starts)
@@ -187,10 +192,7 @@ def _among(result: Found, selected: Mask) -> Found:
 
 
 def as_doubtful(results: list[Found]) -> Found:
-    """The first of some results, as uncertain as the others make it.
-
-    Parameters: the `results`, such as `possible` ones.
-    """
+    """The first of some results, as uncertain as the others make it."""
     best, *others = results
     away = [other.unknowns - best.unknowns for other in others]
     return replace(best, covariance=best.covariance + sum(np.outer(a, a) for a in away))
@@ -208,9 +210,8 @@ def gamma_misfit(
 ) -> tuple[float, float]:
     """Find g - 1 of the tone exponent by the fringes' shape, and its uncertainty.
 
-    By one linear step from 1: enough to tell that the light is not linear, not how far. `ends`,
-    found or given. InputError where no fringe can be followed, or the fringes leave the exponent
-    open.
+    By one linear step from 1: enough to tell that the light is not linear, not how far. InputError
+    where no fringe can be followed, or the fringes leave the exponent open.
     """
     problem, starts = _problem(light, sigma, valid, ends, True)
     data, orders, _ = fresh_patches(problem, starts[0])
@@ -219,7 +220,7 @@ def gamma_misfit(
         covariance = np.linalg.inv(normal.matrix)
     except np.linalg.LinAlgError as error:
         raise InputError(NOT_TOLD) from error
-    uncertainty = np.sqrt(overlap(data) * covariance[-1, -1])
+    uncertainty = np.sqrt(OVERLAP * covariance[-1, -1])
     return float((covariance @ normal.slope)[-1]), float(uncertainty)
 
 
@@ -300,9 +301,8 @@ _LENGTH = 0.2
 _OFF, _SHARP = 0.6, 4.0
 """A line's distance from its pixel at most, pixels, and its curvature over that of noise."""
 
-_SCATTER, _ALIKE = 0.007, 0.02
-"""Scatter of the light along a line; share by which other light may pass it, and by which an
-exposure must differ to be another."""
+_SCATTER = 0.007
+"""Scatter of the light along a line."""
 
 _STRAIGHT = 0.2
 """Curvature of the light along a line over that across: a flat extremum of the order has both."""
@@ -312,13 +312,6 @@ _BLACKEST = 0.005
 
 _LIFT = 0.1
 """Share of the bright end by which light is lifted to look for its dark lines."""
-
-_SMOOTH_PX = 3.0
-_SYSTEMATIC = 0.003
-_UNSEEN = 0.5
-"""Standard uncertainty, over b, of the dark frame's factor where no trough is in the frame."""
-
-_SURE = 3.0
 
 
 @dataclass(frozen=True)
@@ -341,10 +334,7 @@ class NoLoadExposure:
 def find_no_load_exposure(
     light: Array, sigma: Array, valid: Mask, *, dark: Array, bright: Array
 ) -> NoLoadExposure:
-    """Find a frame's exposure over that of each of its no-load frames `dark` and `bright`.
-
-    `light` is linear, `sigma` its noise; the no-load frames are of the same linearity.
-    """
+    """Find a frame's exposure over that of each of its no-load frames, all of one linearity."""
     by = _binning(light.shape)  # lines that say something are long, and their ends smooth
     low, high = (binned(_smooth(end), sigma, valid, by)[0] for end in (dark, bright))
     light, sigma, valid = binned(light, sigma, valid, by)
@@ -356,9 +346,9 @@ def find_no_load_exposure(
     share = float(np.median(low[lit] / high[lit]))
     black = share < _BLACKEST
     trough = None if black else _level(light, sigma, low, lit & (low > 0.0), b * high)
-    d, by_trough = trough or (b, by_crest if black else _UNSEEN * b)
-    moved = max(abs(b - 1.0) - _SURE * by_crest, share * (abs(d - 1.0) - _SURE * by_trough))
-    if moved < _ALIKE:
+    d, by_trough = trough or (b, by_crest if black else EXPOSED * b)
+    moved = max(abs(b - 1.0) - DIFFER * by_crest, share * (abs(d - 1.0) - DIFFER * by_trough))
+    if moved < ALIKE:
         return NoLoadExposure(told=True)
     variance = np.zeros((3, 3, *dark.shape))
     sides = (dark, d, by_trough), (bright, b, by_crest)
@@ -377,26 +367,22 @@ def _has_trough(light: Array, sigma: Array, bright: Array, lit: Mask, share: flo
     lifted = _level(light + _LIFT * bright, sigma, bright, lit, bright)
     if lifted is None:
         return False
-    level, uncertainty = lifted[0] - _LIFT, 3.0 * lifted[1] + _BLACKEST
-    return -uncertainty < level < share / _UNSEEN + uncertainty
+    level, uncertainty = lifted[0] - _LIFT, DIFFER * lifted[1] + _BLACKEST
+    return -uncertainty < level < share / EXPOSED + uncertainty
 
 
 def _smooth(end: Array) -> Array:
-    """A no-load frame without its noise; a lamp's bright spot keeps its height.
-
-    Equation: 2 G - G * G, which changes nothing up to the third derivative.
-    """
-    once = ndimage.gaussian_filter(end, _SMOOTH_PX, mode="nearest")
-    return np.asarray(2.0 * once - ndimage.gaussian_filter(once, _SMOOTH_PX, mode="nearest"))
+    """A no-load frame without its noise, 2 G - G * G: a lamp's bright spot keeps its height."""
+    once = ndimage.gaussian_filter(end, POOLED_PX, mode="nearest")
+    return np.asarray(2.0 * once - ndimage.gaussian_filter(once, POOLED_PX, mode="nearest"))
 
 
 def _level(
     light: Array, sigma: Array, end: Array, lit: Mask, bright: Array | None = None
 ) -> tuple[float, float] | None:
-    """Factor of an end by the lines on which the light is its, and its standard uncertainty.
+    """Factor of an end by lines on which the light is its, and its standard uncertainty, if any.
 
-    Parameters: `end`, smooth; `lit`, where it can be divided by; `bright`, the light on crests
-    where troughs are looked for. None where there is no such line.
+    `lit`, where it can be divided by; `bright`, the light on crests where troughs are looked for.
     """
     sign = 1.0 if bright is None else -1.0
     safe = np.where(lit, end, 1.0)
@@ -413,7 +399,7 @@ def _level(
         level = _level_at(ratio, fringe, noise, lit, width)
         if level is None or sign * level[0] <= 0.0:
             continue
-        if brightest - level[0] < _ALIKE * abs(level[0]):
+        if brightest - level[0] < ALIKE * abs(level[0]):
             return abs(level[0]), level[1]
     return None
 
@@ -429,8 +415,7 @@ def _level_at(
 ) -> tuple[float, float] | None:
     """The greatest value that a ratio has all along a line, at one width of smoothing (pixels).
 
-    Parameters: `fringe` (rows, cols), the ratio's change from a trough to a crest. Pieces of a line
-    that are less apart than its smoothing are one.
+    `fringe`, its change from a trough to a crest. Pieces of a line nearer than that are one.
     """
     smooth, across, bend, along = _lines(ratio, width)
     sharp = _SHARP * noise * np.sqrt(3.0 / (16.0 * np.pi)) / width**3
@@ -447,7 +432,7 @@ def _level_at(
         return None
     middle, scatter = _middle(top[at])
     along = max(scatter, noise / width) / np.sqrt(max(np.count_nonzero(at) / width, 1.0))
-    return middle, float(np.hypot(along, _SYSTEMATIC * middle))
+    return middle, float(np.hypot(along, LIGHT_ERROR * middle))
 
 
 def _greatest_even(
@@ -455,8 +440,7 @@ def _greatest_even(
 ) -> Mask | None:
     """The lines of the greatest value that lines have all along; None where there are none.
 
-    Parameters: `curvature`, across and along. Several lines of one value count as one: all crests
-    are alike.
+    Curvature across and along. Lines of one value count as one: all crests are alike.
     """
     near = ndimage.binary_dilation(line, np.ones((3, 3)), iterations=max(1, int(width / 2.0)))
     pieces, count = ndimage.label(near)

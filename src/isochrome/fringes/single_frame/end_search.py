@@ -29,6 +29,7 @@ from scipy.special import factorial
 
 from isochrome.errors import InputError
 from isochrome.estimation import State, damped, minimise_all, solve_all, total_degree
+from isochrome.fringes.on_branch import AT_REST, LARGEST_UNCERTAINTY
 from isochrome.fringes.single_frame.end_images import (
     QUADRATICS,
     SmoothImages,
@@ -36,24 +37,29 @@ from isochrome.fringes.single_frame.end_images import (
     spots_beyond_prior,
 )
 from isochrome.fringes.single_frame.patches import (
+    LEAST_FILLED,
     SIDE,
     SMALLEST,
-    STEEPEST,
     STRIDE,
-    TURN,
     WORST_CHI,
     fit_patches,
     gather_patches,
     offsets,
     patch_prior,
 )
-from isochrome.fringes.windows import Array, Indices, Mask
+from isochrome.fringes.windows import (
+    DIMMEST,
+    FAINTEST_LIGHT,
+    LARGEST_CHANGE,
+    TURN,
+    Array,
+    Indices,
+    Mask,
+)
 
 _CUBIC = 1e-3
 """Prior standard deviation of the cubic terms, fringes/px³."""
 _TONE = 0.5
-_FLOOR = 0.01
-"""Of the contrast: light below it is as good as none to the power 1/g."""
 _PIVOT = 1e-3
 
 
@@ -148,8 +154,7 @@ class PatchData:
     """Patches in use of a problem: `index` on their lattice (p,), and their pixels (p, k).
 
     `pixels`, their numbers in the frame; `light`, `weight` of each; `window`, the sum of a patch's
-    pixels' weights before the noise (p,); `chi` (p,); `thinned`, whether every second patch was
-    left out.
+    pixels' weights before the noise (p,); `chi` (p,).
     """
 
     problem: EndProblem = field(repr=False)
@@ -159,7 +164,6 @@ class PatchData:
     pixels: Indices = field(repr=False)
     window: Array = field(repr=False)
     chi: Array = field(repr=False)
-    thinned: bool
 
     @cached_property
     def images(self) -> list[Array]:
@@ -180,10 +184,7 @@ class PatchEnds:
 
 
 def ends_at(data: PatchData, unknowns: Array) -> PatchEnds:
-    """The ends at the patches' pixels.
-
-    Parameters: `data`; `unknowns` (terms,). Returns the PatchEnds.
-    """
+    """The ends at the patches' pixels."""
     return PatchEnds(unknowns, *(end.ravel()[data.pixels] for end in data.problem.ends(unknowns)))
 
 
@@ -204,7 +205,7 @@ class PatchModel:
         self._light = self._linear = ends.dark + (ends.bright - ends.dark) * self._signal
         self.gain: Array | float = 1.0
         if problem.tone or g != 1.0:
-            self._linear = np.maximum(self._linear, _FLOOR * problem.scale)
+            self._linear = np.maximum(self._linear, FAINTEST_LIGHT * problem.scale)
             self._light = self._linear ** (1.0 / g)
             self.gain = self._light / (g * self._linear)
         self.residual = data.light - self._light
@@ -263,10 +264,9 @@ def _information(
 def refine_ends(
     data: PatchData, ends: PatchEnds, orders: Array, damping: Array, steps: int
 ) -> tuple[Array, Array, Array]:
-    """Damped steps of the patches alone, each taken where it lowers the patch's cost.
+    """Damped steps of the patches' orders (p, 10), each taken where it lowers the patch's cost.
 
-    Of `orders`, the patches' terms (p, 10), by their `damping` (p,). Returns the orders, the
-    patches' costs, the damping.
+    Returns the orders, the patches' costs, the damping.
     """
 
     def at(orders: Array) -> State:
@@ -299,10 +299,7 @@ class EndEquations:
 
 
 def eliminated(data: PatchData, ends: PatchEnds, orders: Array) -> EndEquations:
-    """Normal equations with the patches' own terms eliminated.
-
-    A patch whose own equations are singular is left out.
-    """
+    """Normal equations without the patches' own terms; of singular patches there are none."""
     problem, now = data.problem, PatchModel(data, ends, orders)
     information, pull, weighted = _information(data, now.residual, now.slope, orders)
     inverse = solve_all(information, np.broadcast_to(np.eye(TERMS), information.shape))
@@ -311,7 +308,20 @@ def eliminated(data: PatchData, ends: PatchEnds, orders: Array) -> EndEquations:
     parts = data.weight, weighted, pull
     weight, weighted, pull = (np.where(regular[:, None], part, 0.0) for part in parts)
     inverse = np.where(regular[:, None, None], inverse, 0.0)
-    matrix, slope = _of_ends(data, now, weight)
+
+    def summed(values: Array) -> Array:
+        """Over what patches, which overlap, have at a pixel of the frame."""
+        light = problem.light
+        flat = np.bincount(data.pixels.ravel(), weights=values.ravel(), minlength=light.size)
+        return flat.reshape(light.shape)
+
+    # first with the orders held
+    parts_of = list(zip(problem.found, now.columns, strict=True))
+    matrix = np.block(
+        [[a.products(b, summed(weight * u * v)) for b, v in parts_of] for a, u in parts_of]
+    )
+    light = weight * now.residual
+    slope = np.concatenate([one.along(summed(light * u)) for one, u in parts_of])
     images = zip(data.images, now.columns, strict=True)
     mixed = np.concatenate(
         [(BASIS.T * (weighted * u)[:, None]) @ one for one, u in images], axis=-1
@@ -326,26 +336,6 @@ def eliminated(data: PatchData, ends: PatchEnds, orders: Array) -> EndEquations:
     return EndEquations(matrix, slope, solved[..., -1], solved[..., :-1], spread)
 
 
-def _of_ends(data: PatchData, now: PatchModel, weight: Array) -> tuple[Array, Array]:
-    """Normal equations (terms, terms), (terms,) of the free unknowns, the orders held.
-
-    Patches overlap: what they have at a pixel of the frame is summed up first.
-    """
-
-    def summed(values: Array) -> Array:
-        light = data.problem.light
-        flat = np.bincount(data.pixels.ravel(), weights=values.ravel(), minlength=light.size)
-        return flat.reshape(light.shape)
-
-    parts = list(zip(data.problem.found, now.columns, strict=True))
-    matrix = [
-        [one.products(other, summed(weight * u * v)) for other, v in parts] for one, u in parts
-    ]
-    light = weight * now.residual
-    slope = [one.along(summed(light * u)) for one, u in parts]
-    return np.block(matrix), np.concatenate(slope)
-
-
 _ROUNDS, _EVERY = 24, 4
 """Steps at most, and between two fresh looks at the patches."""
 _REST = 3e-4
@@ -356,23 +346,18 @@ _FREELY = 0.1
 """Damping below which a step is small because the search rests."""
 _STALE = 0.02
 """Share of patches that a fresh look may improve on at rest."""
-_READABLE = 0.03
 TONES = 0.2, 5.0
 _HEAVIEST = 1e2
 _MOST = 0.5
 """Difference of a patch's residual over noise, squared, that counts at most in a comparison."""
-_PIXELS = float(offsets()[2].sum())
+_PIXELS = float(offsets()[-1].sum())
+OVERLAP = max(1.0, _PIXELS / (2.0 * STRIDE**2))
+"""How often a pixel is counted, being in several patches, of which every second is used."""
 NOT_TOLD = "frame_fringes_cannot_separate"
 _DOUBT = 40.0
 """Difference of cost, about -2 ln of the likelihood, within which two results are both possible,
 where the light is as even as it is taken for; its costs say as much less as it is beyond that."""
-_SAME = 2e-3
-"""Difference of the patches' orders, fringes, below which two results are one."""
-_BETTER = 0.97
-"""Share of its former cost below which a patch counts as better."""
-_MANY = 400
-"""Patches from which every second is left out: they overlap, and tell the same twice."""
-_WORST_CHI, _LEAST_FILLED, _FAINT = 30.0, 0.5, 0.1
+_WORST_CHI = 30.0
 _SPAN = 0.4 / SIDE
 """Slope of a patch that tells the tone exponent, fringes a pixel: it spans 0.4 of a fringe. A
 flatter one follows any exponent, and the noise of no-load frames, which stands in the slope and in
@@ -408,8 +393,7 @@ class Found:
 def search_all(problem: EndProblem, starts: list[Array]) -> list[Found]:
     """What each of several starts leads to.
 
-    Parameters: `problem`; `starts`, vectors of its unknowns. Raises InputError where no fringe can
-    be followed, or where the fringes leave the unknowns open.
+    InputError where no fringe can be followed, or where the fringes leave the unknowns open.
     """
     outcome = []
     for start in starts:
@@ -423,11 +407,10 @@ def search_all(problem: EndProblem, starts: list[Array]) -> list[Found]:
 
 
 def possible(*models: list[Found]) -> list[Found]:
-    """The results that the frame does not exclude, the best first.
+    """The results of other orders that the frame does not exclude, the best first.
 
     Models, such as light without and with spots, are compared by the evidence of their best, the
     results of one by their costs: what a result leaves open is no merit beside another's.
-    Parameters: the results of each model. Returns those of other orders than the ones before.
     """
     one = models[0][0]
     cost = [min(_dearer(result, one) + result.price for result in results) for results in models]
@@ -462,7 +445,7 @@ def _differ(one: Found, other: Found) -> bool:
     """Whether two results give other orders: fringes from the nearest whole number, RMS."""
     a, b = _of_both(one, other)
     first, second = (np.abs(n - np.rint(n)) for n in (one.orders[a, 0], other.orders[b, 0]))
-    return bool(np.sqrt(np.mean((first - second) ** 2)) > _SAME) if len(a) else True
+    return bool(np.sqrt(np.mean((first - second) ** 2)) > AT_REST) if len(a) else True
 
 
 def _of_both(one: Found, other: Found) -> tuple[Indices, Indices]:
@@ -502,10 +485,7 @@ def _search(problem: EndProblem, unknowns: Array) -> Found:
 
 
 def search_on(result: Found, problem: EndProblem) -> Found:
-    """A result as one of a problem that leaves more open, by full steps from where it rests.
-
-    The patches are those in use. Parameters: `result`, its unknowns those of `problem`.
-    """
+    """A result as one of a problem that leaves more open, by full steps on the patches in use."""
     data = replace(result.data, problem=problem)
     unknowns, orders, change = result.unknowns, result.orders, result.change
     dampings, cost = _start(data, unknowns, orders)
@@ -532,10 +512,7 @@ def _damped(normal: EndEquations, damping: float) -> Array:
 def _followed(
     data: PatchData, place: tuple[Array, Array, Array], normal: EndEquations, step: Array
 ) -> tuple[float, Array, Array, Array]:
-    """Cost and place after a step, every patch going along where that is good for it.
-
-    The place: the unknowns, the patches' orders, and their damping.
-    """
+    """Cost, unknowns, orders and damping after a step, every patch going along where it pays."""
     unknowns, orders, dampings = place
     new = unknowns.copy()
     new[data.problem.free] += step
@@ -551,7 +528,7 @@ def _followed(
 
 def _change(normal: EndEquations, step: Array) -> float:
     """What a step in the ends does to the order where it can be read, RMS, fringes."""
-    readable = normal.spread < _READABLE
+    readable = normal.spread < LARGEST_UNCERTAINTY
     if not readable.any():
         return float("inf")
     moved = np.minimum(np.abs(normal.drag[readable, 0] @ step), 0.2)
@@ -567,12 +544,12 @@ def _found(data: PatchData, unknowns: Array, orders: Array, change: float) -> Fo
     smooth = min(QUADRATICS, count)
     spots = np.repeat([False, True, False], [cut + smooth, count - smooth, 1])[free]
     covariance = np.zeros((len(unknowns), len(unknowns)))
-    inverse = np.linalg.inv(normal.matrix) * overlap(data)
+    inverse = np.linalg.inv(normal.matrix) * OVERLAP
     if not change < _REST:
         last = _damped(normal, 0.0)
         inverse = inverse + np.outer(last, last)
     prior = data.problem.prior(unknowns)[0][free]
-    precision = prior / overlap(data)
+    precision = prior / OVERLAP
     larger = spots_beyond_prior(inverse, unknowns[free], precision, spots)
     covariance[np.ix_(free, free)] = as_spotted(inverse, precision, spots, larger)
     price = -np.linalg.slogdet(inverse)[1] - np.log(prior[prior > 0.0]).sum()
@@ -590,15 +567,13 @@ def _found(data: PatchData, unknowns: Array, orders: Array, change: float) -> Fo
 def fresh_patches(
     problem: EndProblem, unknowns: Array, before: tuple[PatchData, Array] | None = None
 ) -> tuple[PatchData, Array, float]:
-    """Patches fitted anew at some unknowns, but kept where they were better.
+    """Patches fitted anew but where they were better, their orders, and the share better anew.
 
-    Parameters: `problem`; `unknowns` (terms,); `before`, the patches in use and their orders, if
-    any. Returns the patches, their orders, and the share that was better anew. Raises InputError
-    where too few can be followed.
+    InputError where too few can be followed.
     """
-    index, places, window, start, thinned = _fitted(problem, unknowns)
+    index, places, window, start = _fitted(problem, unknowns)
     _check_number(len(index))
-    data = _data(problem, index, places, window, np.ones(len(index)), thinned)
+    data = _data(problem, index, places, window, np.ones(len(index)))
     ends = ends_at(data, unknowns)
     orders, cost, _ = refine_ends(data, ends, start, np.full(len(index), 1e-2), 3)
     stale = 1.0
@@ -609,14 +584,14 @@ def fresh_patches(
         old[latter] = before[1][former]
         was[latter] = PatchModel(data, ends, old).cost[latter]
         orders = np.asarray(np.where((was <= cost)[:, None], old, orders))
-        stale = float(np.mean(cost < _BETTER * was - 0.02 * data.window))
+        stale = float(np.mean(cost < (1.0 - _STALE) * was))
     misfit = PatchModel(data, ends, orders).residual
     chi = np.sqrt(np.einsum("pk,pk,pk->p", data.weight, misfit, misfit) / data.window)
-    good = (chi < _WORST_CHI) & (np.abs(orders[:, 1:3]).max(axis=1) < STEEPEST)
+    good = (chi < _WORST_CHI) & (np.abs(orders[:, 1:3]).max(axis=1) < LARGEST_CHANGE)
     if problem.tone and any(problem.given):
         good &= np.hypot(orders[:, 1], orders[:, 2]) > _SPAN
     _check_number(int(np.count_nonzero(good)))
-    data = _data(problem, index[good], places[good], window[good], chi[good], thinned)
+    data = _data(problem, index[good], places[good], window[good], chi[good])
     return data, orders[good], stale
 
 
@@ -626,22 +601,19 @@ def _check_number(patches: int) -> None:
         raise InputError("too_few_fringes_can")
 
 
-def _fitted(problem: EndProblem, unknowns: Array) -> tuple[Indices, Indices, Array, Array, bool]:
-    """The normalised frame's patches: index, middles, weights, terms; whether thinned."""
+def _fitted(problem: EndProblem, unknowns: Array) -> tuple[Indices, Indices, Array, Array]:
+    """The normalised frame's patches: index, middles, weights, terms."""
     dark, bright = problem.ends(unknowns)
     g, contrast = unknowns[-1], bright - dark
-    lit = problem.valid & (contrast > _FAINT * problem.scale**g)
+    lit = problem.valid & (contrast > DIMMEST * problem.scale**g)
     safe = np.where(lit, contrast, 1.0)
     level = np.maximum(problem.light, problem.sigma)
     linear = problem.light if g == 1.0 else level**g
     sigma = 2.0 * g * level ** (g - 1.0) * problem.sigma / safe
     light = gather_patches(1.0 - 2.0 * (linear - dark) / safe, sigma, lit)  # cos 2 pi N
-    use = light.filled > _LEAST_FILLED
-    thinned = bool(np.count_nonzero(use) > _MANY)
-    if thinned:
-        row, col = np.indices((len(light.rows), len(light.cols)))
-        use &= ((row + col) % 2 == 0).ravel()
-    index = np.flatnonzero(use)
+    row, col = np.indices((len(light.rows), len(light.cols)))
+    # every second: they overlap, and tell the same twice
+    index = np.flatnonzero((light.filled > LEAST_FILLED) & ((row + col) % 2 == 0).ravel())
     _check_number(len(index))
     fitted = fit_patches(light.only(index))
     good = fitted.chi[0] < _WORST_CHI
@@ -649,11 +621,11 @@ def _fitted(problem: EndProblem, unknowns: Array) -> tuple[Indices, Indices, Arr
     terms = np.zeros((len(index), TERMS))
     terms[:, :6] = fitted.terms[0, good]
     places = np.stack(np.meshgrid(light.rows, light.cols, indexing="ij"), axis=-1).reshape(-1, 2)
-    return index, places[index], light.weight[index].astype(float), terms, thinned
+    return index, places[index], light.weight[index].astype(float), terms
 
 
 def _data(
-    problem: EndProblem, index: Indices, places: Indices, window: Array, chi: Array, thinned: bool
+    problem: EndProblem, index: Indices, places: Indices, window: Array, chi: Array
 ) -> PatchData:
     """The patches' pixels; one that no cubic describes counts for less."""
     dy, dx, _ = offsets()
@@ -662,11 +634,5 @@ def _data(
     return PatchData(
         problem=problem, index=index, light=problem.light[rows, cols], weight=window / noise**2,
         pixels=rows * problem.light.shape[1] + cols,
-        window=np.maximum(window.sum(axis=1), 1e-9), chi=chi, thinned=thinned,
+        window=np.maximum(window.sum(axis=1), 1e-9), chi=chi,
     )  # fmt: skip
-
-
-def overlap(data: PatchData) -> float:
-    """How often a pixel was counted, being in several patches; `data`, those in use."""
-    stride = STRIDE * (np.sqrt(2.0) if data.thinned else 1.0)
-    return float(max(1.0, offsets()[2].sum() / stride**2))
