@@ -107,11 +107,9 @@ class PixelGrid:
         return self.left_mm, self.left_mm + wide, self.top_mm, self.top_mm + high
 
     @property
-    @lru_cache(maxsize=2)  # noqa: B019 - of few grids, which are plain numbers
     def places(self) -> tuple[Floats, Floats]:
         """x and z (mm) that the pixels look at, of shapes that broadcast to (rows, cols)."""
-        x, z = self.x_mm[None, :], self.z_mm[:, None]
-        return (x, z) if self.lens is None else self.through_lens(x, z)
+        return (self.x_mm[None, :], self.z_mm[:, None]) if self.lens is None else _looked_at(self)
 
     def place(self, row: float, col: float) -> tuple[float, float]:
         """x and z (mm) that a point of the picture (px) looks at, also beyond its edges."""
@@ -154,6 +152,12 @@ class PixelGrid:
             left_mm=self.left_mm - shift, top_mm=self.top_mm - shift,
             pixel_mm=self.pixel_mm * stride, lens=lens,
         )  # fmt: skip
+
+
+@lru_cache(maxsize=2)
+def _looked_at(pixels: PixelGrid) -> tuple[Floats, Floats]:
+    """The places of a grid with a lens; the last ones are kept."""
+    return pixels.through_lens(pixels.x_mm[None, :], pixels.z_mm[:, None])
 
 
 def pixel_grid(scene: Scene, shape: tuple[int, int] | None = None) -> PixelGrid:
