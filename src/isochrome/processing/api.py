@@ -91,6 +91,7 @@ from isochrome.runs import (
     RunLayout,
     RunOptions,
     StoredArrays,
+    WorkerPool,
     add_columns,
     attributes,
     chunk_size,
@@ -623,14 +624,19 @@ def _processed(
 ) -> Processed:
     """All states of a set, in memory or into a folder."""
     count, source = count_of(task), open_set(task)
-    kind = task.kind.shared(source, count, progress, on_disk=out is not None)
-    task = source.task = replace(task, kind=kind)
-    if out is None:
-        return process_in_memory(source, count // task.steps, progress)
-    job = Job(partial(process_chunk, task), set_layout(source, count // task.steps), identify())
-    residual = source.capture.residual
-    finish = partial(finish_set_folder, Path(out).absolute(), job, task, residual)
-    result = run_job(job, out, finish, options=options, progress=progress)
+    workers = min(options.workers or 1, set_layout(source, count // task.steps).chunks)
+    with ExitStack() as opened:
+        if workers > 1 and options.cluster is None:  # they start while frames are asked
+            pool = WorkerPool(workers, (process_chunk, task.kind))
+            options = replace(options, pool=opened.enter_context(pool))
+        kind = task.kind.shared(source, count, progress, on_disk=out is not None)
+        task = source.task = replace(task, kind=kind)
+        if out is None:
+            return process_in_memory(source, count // task.steps, progress)
+        job = Job(partial(process_chunk, task), set_layout(source, count // task.steps), identify())
+        residual = source.capture.residual
+        finish = partial(finish_set_folder, Path(out).absolute(), job, task, residual)
+        result = run_job(job, out, finish, options=options, progress=progress)
     return result or restore(task.scene, Path(out), task.reader.shape, residual)
 
 

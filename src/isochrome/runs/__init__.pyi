@@ -56,12 +56,12 @@ from .store import (
 )
 from .workers import (
     NoCluster,
+    WorkerPool,
     WorkersLost,
     in_flight,
     processors,
     single_threaded,
     trim_heap,
-    worker_pool,
 )
 
 __all__ = [
@@ -84,6 +84,7 @@ __all__ = [
     "Stopped",
     "StoredArrays",
     "Verified",
+    "WorkerPool",
     "WorkersLost",
     "add_columns",
     "attributes",
@@ -118,7 +119,6 @@ __all__ = [
     "trim_heap",
     "verify",
     "wipe",
-    "worker_pool",
     "working_folder",
     "write_stack",
 ]

@@ -49,6 +49,7 @@ from isochrome.runs.job import (
 from isochrome.runs.store import WORKING, create_store
 from isochrome.runs.workers import (
     Finished,
+    WorkerPool,
     WorkersLost,
     alone,
     by_cluster,
@@ -406,13 +407,14 @@ class RunOptions:
     `workers`, processes on this machine; None: as many as there are processors where it is worth
     starting them; `cluster`, address of a Dask scheduler instead; `restart`, whether to throw away
     what an earlier run left; `keep_going`, whether to leave out items that fail instead of ending
-    with the first.
+    with the first; `pool`, worker processes that are started already.
     """
 
     workers: int | None = 1
     cluster: str | None = None
     restart: bool = False
     keep_going: bool = False
+    pool: WorkerPool | None = None
 
 
 def refuse_without_folder(out: str | Path | None, workers: int | None, cluster: str | None) -> None:
@@ -585,7 +587,7 @@ def _finished(
         workers = processors() if remaining_s > WORTH_WORKERS_S else 1
     workers = min(workers, len(todo))
     if workers > 1:
-        yield from by_processes(work, run, todo, workers)
+        yield from by_processes(work, run, todo, options.pool or WorkerPool(workers))
     else:
         yield from alone(work, run, todo)
 
