@@ -1,6 +1,7 @@
 from .execution import (
     RunOptions,
     Stopped,
+    computed,
     has_run,
     holds_results,
     locked,
@@ -92,6 +93,7 @@ __all__ = [
     "chunk_size",
     "column",
     "column_values",
+    "computed",
     "create_store",
     "environment",
     "export",

@@ -625,7 +625,19 @@ def check_unchanged(before: Stamps, after: Stamps) -> None:
             )
 
 
-def one_by_one(job: Job, run: RunFolder) -> Work:
+def computed(job: Job, progress: RunProgress | None) -> Iterator[dict[str, Any]]:
+    """The rows of a job without pictures, of which nothing is kept on the disk."""
+    work, count, flagged = one_by_one(job, None), job.layout.count, 0
+    for index in range(job.layout.chunks):
+        start, stop = job.layout.span(index)
+        results = work(start, stop)
+        flagged += sum(more["status"] != "ok" for more in results.more)
+        if progress is not None:
+            progress(Tally(stop, count, 0, flagged))
+        yield from results.rows
+
+
+def one_by_one(job: Job, run: RunFolder | None) -> Work:
     """A job's work on a chunk, whatever it needs of the chunk before.
 
     What a chunk leaves goes through JSON whether it is still in memory or read from its record, so
@@ -636,9 +648,9 @@ def one_by_one(job: Job, run: RunFolder) -> Work:
     work, last = cast(InTurn, job.work), dict[int, Any]()
 
     def in_turn(start: int, stop: int) -> Results:
-        index = start // run.layout.chunk
+        index = start // job.layout.chunk
         if index and index - 1 not in last:
-            record = read_record_of(run, index - 1)
+            record = read_record_of(run, index - 1) if run else None
             assert record is not None
             last[index - 1] = record["left"]
         results = work(start, stop, last.get(index - 1))
