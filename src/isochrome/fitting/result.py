@@ -244,7 +244,7 @@ def make_result(
         scene=scene,
         other_minima=[_others(fit) for fit in single_fits],
         wear_laws=laws,
-        warnings=(*notes, *_warnings(joint, single_fits), *_against_law(joint.scene, laws)),
+        warnings=(*notes, *_warnings(joint, single_fits, laws)),
         budget=tuple(
             KeyBudget(frame, unknown.key, inputs)
             for unknown, inputs in zip(joint.unknowns, joint.budget, strict=False)
@@ -278,7 +278,7 @@ def _others(fit: FrameFit) -> list[dict[str, float]]:
     return [dict(zip(fit.keys, m.values.tolist(), strict=True)) | {"chi": m.chi} for m in near]
 
 
-def _warnings(joint: JointFit, single_fits: list[FrameFit]) -> list[str]:
+def _warnings(joint: JointFit, single_fits: list[FrameFit], laws: WearLaws | None) -> list[str]:
     messages_found = []
     poor = [i for i, chi in enumerate(joint.frame_chi) if chi > POOR_CHI]
     if poor:
@@ -301,14 +301,11 @@ def _warnings(joint: JointFit, single_fits: list[FrameFit]) -> list[str]:
     messages_found += messages_of_frames(messages)
     if not joint.converged:
         messages_found.append(message("fit_did_not_converge"))
+    wear = joint.scene.wear
+    if laws is not None and wear is not None and laws.speaks_against(wear.law):
+        sentence = laws.sentence()
+        messages_found.append(message("wear_law_not_what", law=wear.law, sentence=sentence))
     return messages_found
-
-
-def _against_law(scene: Scene, laws: WearLaws | None) -> list[str]:
-    """What to say where the frames speak against the scene's own wear law."""
-    if laws is None or scene.wear is None or not laws.speaks_against(scene.wear.law):
-        return []
-    return [message("wear_law_not_what", law=scene.wear.law, sentence=laws.sentence())]
 
 
 def fitted_scene(scene: Scene, shared: Found, per_frame: list[Found]) -> Scene:

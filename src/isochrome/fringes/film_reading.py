@@ -80,11 +80,6 @@ class FilmLight:
         """The wave cos 2 pi N, float32, whose ends noise may pass."""
         return np.asarray(np.float32(1.0) - np.float32(2.0) * self.rise(light) / self.illumination)
 
-    def signal_error(self, light: Array) -> Array:
-        """Standard uncertainty of the signal by that of the light's ends (rows, cols)."""
-        signal = np.clip(self.rise(light) / self.illumination, 0.0, 1.0)
-        return np.asarray(np.hypot(signal * self.error, (1.0 - signal) * self.zero_error))
-
 
 def smooth_zero(light: Array, valid: Mask) -> tuple[Array, bool]:
     """The unloaded light, float32, without noise where it is as smooth as a polynomial.
@@ -378,7 +373,9 @@ def read_followed(
         rise, order, wave, illumination=film_light.illumination,
         background=np.zeros_like(rise), sigma=sigma, valid=beside,
     )  # fmt: skip
-    reading = widened(reading, film_light.signal_error(light))
+    signal = np.clip(rise / film_light.illumination, 0.0, 1.0)
+    by_ends = np.hypot(signal * film_light.error, (1.0 - signal) * film_light.zero_error)
+    reading = widened(reading, by_ends)
     known &= np.isfinite(reading.order)
     return make_reading(reading.order, reading.uncertainty, known, of=valid)
 

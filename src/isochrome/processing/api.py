@@ -321,12 +321,9 @@ def process_in_memory(source: FrameSource, count: int, progress: RunProgress | N
 
 
 def set_dataset(
-    result: Processed,
-    more: Mapping[str, list[Any]],
-    frames: Sequence[ProcessedFrame],
-    film: Mapping[str, list[np.ndarray]],
-    shape: tuple[int, int],
-) -> RunDataset:
+    result: Processed, more: Mapping[str, list[Any]], frames: Sequence[ProcessedFrame],
+    film: Mapping[str, list[np.ndarray]], shape: tuple[int, int],
+) -> RunDataset:  # fmt: skip
     """The dataset of a set in memory, as run.zarr has it; `film`, maps of all frames by name."""
     scene, table = result.scene, result.columns
     columns, axes = _set_columns(result, more, shape)
@@ -540,7 +537,12 @@ def process(
     """
     scene = load_scene(scene)
     check_scene(scene)
-    _check_options(track, each, maps, preview, out)
+    if track and each:
+        raise InputError("track_each_set_followed")
+    if maps not in (None, "all", "key", "none"):
+        raise InputError("maps_give_all_key", maps=maps)
+    if preview and out is None:
+        raise InputError("preview_written_beside_results")
     if rois:
         load_roifile()  # missing, it is to be said before hours of work
     refuse_without_folder(out, workers, cluster)
@@ -569,18 +571,6 @@ def process(
             options = RunOptions(workers, cluster, restart, keep_going)
             result = _processed(task, identity, out, options, progress)
         return replace(result, as_stated=as_stated)
-
-
-def _check_options(
-    track: bool, each: bool, maps: str | None, preview: bool, out: str | Path | None
-) -> None:
-    """Refuse options that say two things, or nothing."""
-    if track and each:
-        raise InputError("track_each_set_followed")
-    if maps not in (None, "all", "key", "none"):
-        raise InputError("maps_give_all_key", maps=maps)
-    if preview and out is None:
-        raise InputError("preview_written_beside_results")
 
 
 def _kind_of_set(

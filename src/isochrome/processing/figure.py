@@ -261,25 +261,21 @@ def processed_panels(result: Processed, frames: tuple[int, ...] | None) -> Paper
     status = column_values(dataset["status"])
     usual = shown_frames(table, status)
     followed = PICTURE in table and ORDER.name in dataset and is_of_all(dataset[ORDER.name])
+    read = [k for k, state in enumerate(status) if state != "failed"]
     if followed and len(usual) < KEY_FRAMES:  # also others that have an order
-        usual = evenly_spaced(
-            [k for k, state in enumerate(status) if state != "failed"], KEY_FRAMES
-        )
+        usual = evenly_spaced(read, KEY_FRAMES)
     chosen = chosen_frames(frames, len(table["frame"]), usual)
     items = [shown_item(table, dataset, k) for k in chosen]
     for item in items:
         if item.normalised is None and (item.order is None or not np.isfinite(item.order).any()):
-            raise InputError(_without_a_map(table, dataset, status, item.number))
+            having = [j for j, at in enumerate(table[PICTURE]) if at is not None]
+            having = read if followed else having
+            some = f"{', '.join(map(str, having[:8]))}{' ...' * (len(having) > 8)}" or "none"
+            raise InputError(
+                f"frames = {item.number} of a figure: has no map of its order; frames that have "
+                f"one: {some}"
+            )
     return _panels(table, items)
-
-
-def _without_a_map(table: Mapping[str, list[Any]], dataset: Kept, status: list[str], k: int) -> str:
-    """Why frame k of a followed video cannot be drawn, and which can."""
-    having = [j for j, at in enumerate(table[PICTURE]) if at is not None]
-    if ORDER.name in dataset and is_of_all(dataset[ORDER.name]):
-        having = [j for j, state in enumerate(status) if state != "failed"]
-    some = f"{', '.join(map(str, having[:8]))}{' ...' * (len(having) > 8)}" or "none"
-    return f"frames = {k} of a figure: has no map of its order; frames that have one: {some}"
 
 
 def _panels(table: Mapping[str, list[Any]], items: Sequence[Shown]) -> PaperPanels:
@@ -302,21 +298,16 @@ def is_of_all(values: Any) -> bool:
     return bool(values.dims[0] == "frame")
 
 
-def maps_of(table: Mapping[str, list[Any]], dataset: Kept, k: int) -> dict[str, Any]:
-    """The maps (rows, cols) of frame k that are kept, by their names."""
+def shown_item(table: Mapping[str, list[Any]], dataset: Kept, k: int) -> Shown:
+    """Frame k with its maps."""
+    share, lines = (table.get(name, [None] * (k + 1))[k] for name in ("kept_share", "fringe_lines"))
     picture = table[PICTURE][k] if PICTURE in table else k
     places = {
         name: k if is_of_all(dataset[name]) else picture
         for name in (NORMALISED.name, ORDER.name, ISOCLINIC.name)
         if name in dataset
     }
-    return {n: np.asarray(dataset[n][int(p)]) for n, p in places.items() if p is not None}
-
-
-def shown_item(table: Mapping[str, list[Any]], dataset: Kept, k: int) -> Shown:
-    """Frame k with its maps."""
-    share, lines = (table.get(name, [None] * (k + 1))[k] for name in ("kept_share", "fringe_lines"))
-    maps = maps_of(table, dataset, k)
+    maps = {n: np.asarray(dataset[n][int(p)]) for n, p in places.items() if p is not None}
     order = maps.get(ORDER.name) if share is not None else None
     chi, pixel, label = table["chi"][k], table["pixel_mm"][k], str(table["label"][k])
     left, top = (float(dataset[name][k]) for name in ("left_mm", "top_mm"))

@@ -360,9 +360,7 @@ class Tracker:
         begun = self.course.fitted(fitted, worn_m or 0.0, self._usual_load_n)
         self._model = self._prepare(frame, data)
         result = self._follow(frame, self._model, begun)
-        unsure = len(self._model.keys) > len(self.keys)
-        if unsure and (result is None or not self._model.tells_past(result)):
-            self._model.hold_past()
+        if len(self._model.keys) > len(self.keys) and self._model.holds_past(result):
             result = self._follow(frame, self._model, begun if result is None else result.values)
         shown = result is not None and result.chi <= _LOST * max(1.0, chi)
         if shown or self.scene.wear is None or not self.course.begun:
