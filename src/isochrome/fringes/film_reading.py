@@ -30,6 +30,7 @@ import numpy as np
 
 from isochrome.errors import InputError
 from isochrome.estimation import light_basis, total_degree
+from isochrome.frames import Frame
 from isochrome.fringes.follower import FilmState, continued, faded_fringes, follow_frame, regained
 from isochrome.fringes.on_branch import OrderReading, make_reading, read_order, widened
 from isochrome.fringes.windows import Array, Mask, block_means, nearest_known, valid_means
@@ -267,16 +268,15 @@ class FilmPath:
         return next((s for s in spans if s[0] <= index < s[1] or index == s[0]), None)
 
     def follow(
-        self, frames: Iterable[tuple[Array, Mask, float]],
-        key: Callable[[], FilmState | None] | None = None, every: int = 1,
+        self, frames: Iterable[tuple[Frame, Array, Mask, float]],
+        key: Callable[[Frame, float], FilmState | None] | None = None, every: int = 1,
     ) -> None:  # fmt: skip
-        """Follow the film through all of its frames.
+        """Follow the film through all of its frames, from the first on.
 
-        Each is the light (rows, cols) on blocks of pixels, from the first on, where it is trusted,
-        and its time. `key` reads the frame that was given last from nothing, None where it cannot,
-        each `every` frames.
+        With each comes its light (rows, cols) on blocks of pixels, where it is trusted, and its
+        time. `key` reads each `every`-th from nothing, None where it cannot.
         """
-        for index, (light, valid, time) in enumerate(frames):
+        for index, (frame, light, valid, time) in enumerate(frames):
             self.count = index + 1
             rise = self.light.rise(light)
             wave = self.light.wave(light)
@@ -286,9 +286,12 @@ class FilmPath:
             read = key if index > self._begin else None
             due = read is not None and (breaks or index % every == 0)
             if due or index in (0, self._begin) or index % self.chunk == 0:
-                if read is not None:
-                    self._regain(wave, valid)
-                if read is not None and due and (new := read()) is not None:
+                state = self._state
+                if read is not None and state.known.any():
+                    # the next key frame finds what is not right of it
+                    order, known = regained(state.order, state.known, wave, valid)
+                    self._state = replace(state, order=order, known=known)
+                if read is not None and due and (new := read(frame, time)) is not None:
                     self._settle(new, index)
                 self.kept[index] = keep_state(self._state)
         if self._broken:
@@ -308,13 +311,6 @@ class FilmPath:
         known = state.order[state.known][::7]
         self.highest = max(self.highest, float(np.percentile(known, 99.5)) if known.size else 0.0)
         return False
-
-    def _regain(self, wave: Array, valid: Mask) -> None:
-        """Take in what its light bears out: the next key frame finds what is not right."""
-        state = self._state
-        if state.known.any():
-            order, known = regained(state.order, state.known, wave, valid)
-            self._state = replace(state, order=order, known=known)
 
     def _settle(self, new: FilmState, index: int) -> None:
         """Hold a key frame, read from nothing, against what was followed to it."""
