@@ -61,17 +61,15 @@ class FilmLight:
 
     zero: Array = field(repr=False)  # of the unloaded specimen, Z
     illumination: Array = field(repr=False)  # A
-    error: Array = field(repr=False)  # standard uncertainty of A, over A
-    zero_error: Array = field(repr=False)  # standard uncertainty of Z, over A
+    # standard uncertainties of A and Z, over A
+    error: Array | float = field(default=0.0, repr=False)
+    zero_error: Array | float = field(default=0.0, repr=False)
     sign: float = 1.0  # 1 in the dark field, -1 in the bright one
 
     def joined(self, by: int) -> FilmLight:
-        """The same on blocks of pixels."""
-        maps = (self.zero, self.illumination, self.error, self.zero_error)
-        zero, level, error, zero_error = (joined_pixels(part, by) for part in maps)
-        return FilmLight(
-            zero=zero, illumination=level, error=error, zero_error=zero_error, sign=self.sign
-        )
+        """The same on blocks of pixels, on which it guides alone."""
+        zero, level = (joined_pixels(part, by) for part in (self.zero, self.illumination))
+        return FilmLight(zero=zero, illumination=level, sign=self.sign)
 
     def rise(self, light: Array) -> Array:
         """What fringes add to or take off the unloaded light, A sin² pi N (rows, cols)."""

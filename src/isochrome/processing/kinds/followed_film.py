@@ -287,10 +287,7 @@ class UnloadedFilm(Film):
             surface = top.surface(data.material) if given is None else joined_pixels(given, data.by)
         except InputError as error:
             raise PhysicsError(f"{scene.name}: " + error.message) from error
-        none = np.zeros_like(surface)
-        guide = FilmLight(
-            zero=below, illumination=surface, error=none, zero_error=none, sign=data.sign
-        )
+        guide = FilmLight(zero=below, illumination=surface, sign=data.sign)
         if rough:  # the first frame's own noise is in all differences from it
             data.between *= float(np.sqrt(2.0))
         path = data.path(unloaded_state(data.material, film_time(first, 0)), guide, count)
@@ -313,8 +310,8 @@ def _final_light(
         raise PhysicsError(
             FEW_ORDERS, name=scene.name, highest=path.highest, least_order=LEAST_ORDER
         )
-    none = np.zeros(shape, dtype=np.float32)
-    level, error, notes = given, none, tuple[str, ...]()
+    error: Array | float = 0.0
+    level, notes = given, tuple[str, ...]()
     if crests_tell:
         result, spread = path.crests.illumination(shape)
         scale = 1.0 if given is None else float(np.median((result / given)[data.valid]))
@@ -322,8 +319,7 @@ def _final_light(
             level, error = result, spread
             notes = (message(OWN_CRESTS) if given is None else message(OTHER_LIGHT, scale=scale),)
     assert level is not None
-    light = FilmLight(zero=zero, illumination=level, error=error, zero_error=none, sign=data.sign)
-    return light, notes
+    return FilmLight(zero=zero, illumination=level, error=error, sign=data.sign), notes
 
 
 _MOST_BREAKS = 0.5
