@@ -234,7 +234,10 @@ def make_result(
         estimate = dict(zip(PARTS, map(float, parts), strict=True))
         for place in [shared] if unknown.shared else [per_frame[i] for i in unknown.frames]:
             place[unknown.key] = estimate
-    scene = _scene_of_all(joint, shared, per_frame)
+    scene, wear = _scene_of_all(joint, shared, per_frame), joint.scene.wear
+    against = []
+    if laws is not None and wear is not None and laws.speaks_against(wear.law):
+        against = [message("wear_law_not_what", law=wear.law, sentence=laws.sentence())]
     return Fit(
         shared=shared,
         frames=per_frame,
@@ -244,7 +247,7 @@ def make_result(
         scene=scene,
         other_minima=[_others(fit) for fit in single_fits],
         wear_laws=laws,
-        warnings=(*notes, *_warnings(joint, single_fits, laws)),
+        warnings=(*notes, *_warnings(joint, single_fits), *against),
         budget=tuple(
             KeyBudget(frame, unknown.key, inputs)
             for unknown, inputs in zip(joint.unknowns, joint.budget, strict=False)
@@ -278,7 +281,7 @@ def _others(fit: FrameFit) -> list[dict[str, float]]:
     return [dict(zip(fit.keys, m.values.tolist(), strict=True)) | {"chi": m.chi} for m in near]
 
 
-def _warnings(joint: JointFit, single_fits: list[FrameFit], laws: WearLaws | None) -> list[str]:
+def _warnings(joint: JointFit, single_fits: list[FrameFit]) -> list[str]:
     messages_found = []
     poor = [i for i, chi in enumerate(joint.frame_chi) if chi > POOR_CHI]
     if poor:
@@ -301,10 +304,6 @@ def _warnings(joint: JointFit, single_fits: list[FrameFit], laws: WearLaws | Non
     messages_found += messages_of_frames(messages)
     if not joint.converged:
         messages_found.append(message("fit_did_not_converge"))
-    wear = joint.scene.wear
-    if laws is not None and wear is not None and laws.speaks_against(wear.law):
-        sentence = laws.sentence()
-        messages_found.append(message("wear_law_not_what", law=wear.law, sentence=sentence))
     return messages_found
 
 

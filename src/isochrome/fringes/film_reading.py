@@ -284,11 +284,9 @@ class FilmPath:
             read = key if index > self._begin else None
             due = read is not None and (breaks or index % every == 0)
             if due or index in (0, self._begin) or index % self.chunk == 0:
-                state = self._state
-                if read is not None and state.known.any():
-                    # the next key frame finds what is not right of it
-                    order, known = regained(state.order, state.known, wave, valid)
-                    self._state = replace(state, order=order, known=known)
+                if read is not None:  # the next key frame finds what is not right of it
+                    order, known = regained(self._state.order, self._state.known, wave, valid)
+                    self._state = replace(self._state, order=order, known=known)
                 if read is not None and due and (new := read(frame, time)) is not None:
                     self._settle(new, index)
                 self.kept[index] = keep_state(self._state)

@@ -260,21 +260,23 @@ def processed_panels(result: Processed, frames: tuple[int, ...] | None) -> Paper
     table, dataset = result.columns, result.dataset
     status = column_values(dataset["status"])
     usual = shown_frames(table, status)
-    followed = PICTURE in table and ORDER.name in dataset and is_of_all(dataset[ORDER.name])
-    read = [k for k, state in enumerate(status) if state != "failed"]
-    if followed and len(usual) < KEY_FRAMES:  # also others that have an order
-        usual = evenly_spaced(read, KEY_FRAMES)
+    having = list(range(len(status)))
+    if PICTURE in table:
+        of_all = ORDER.name in dataset and is_of_all(dataset[ORDER.name])
+        having = [
+            k
+            for k, at in enumerate(table[PICTURE])
+            if (status[k] != "failed" if of_all else at is not None)
+        ]
+        if of_all and len(usual) < KEY_FRAMES:  # also others that have an order
+            usual = evenly_spaced(having, KEY_FRAMES)
     chosen = chosen_frames(frames, len(table["frame"]), usual)
     items = [shown_item(table, dataset, k) for k in chosen]
     for item in items:
         if item.normalised is None and (item.order is None or not np.isfinite(item.order).any()):
-            having = [j for j, at in enumerate(table[PICTURE]) if at is not None]
-            having = read if followed else having
             some = f"{', '.join(map(str, having[:8]))}{' ...' * (len(having) > 8)}" or "none"
-            raise InputError(
-                f"frames = {item.number} of a figure: has no map of its order; frames that have "
-                f"one: {some}"
-            )
+            text = f"frames = {item.number} of a figure: has no map of its order; "
+            raise InputError(text + f"frames that have one: {some}")
     return _panels(table, items)
 
 
@@ -298,16 +300,21 @@ def is_of_all(values: Any) -> bool:
     return bool(values.dims[0] == "frame")
 
 
-def shown_item(table: Mapping[str, list[Any]], dataset: Kept, k: int) -> Shown:
-    """Frame k with its maps."""
-    share, lines = (table.get(name, [None] * (k + 1))[k] for name in ("kept_share", "fringe_lines"))
+def maps_of(table: Mapping[str, list[Any]], dataset: Kept, k: int) -> dict[str, Any]:
+    """The maps (rows, cols) of frame k that are kept, by their names."""
     picture = table[PICTURE][k] if PICTURE in table else k
     places = {
         name: k if is_of_all(dataset[name]) else picture
         for name in (NORMALISED.name, ORDER.name, ISOCLINIC.name)
         if name in dataset
     }
-    maps = {n: np.asarray(dataset[n][int(p)]) for n, p in places.items() if p is not None}
+    return {n: np.asarray(dataset[n][int(p)]) for n, p in places.items() if p is not None}
+
+
+def shown_item(table: Mapping[str, list[Any]], dataset: Kept, k: int) -> Shown:
+    """Frame k with its maps."""
+    share, lines = (table.get(name, [None] * (k + 1))[k] for name in ("kept_share", "fringe_lines"))
+    maps = maps_of(table, dataset, k)
     order = maps.get(ORDER.name) if share is not None else None
     chi, pixel, label = table["chi"][k], table["pixel_mm"][k], str(table["label"][k])
     left, top = (float(dataset[name][k]) for name in ("left_mm", "top_mm"))

@@ -98,6 +98,17 @@ def shift_of(edge: str, grid: PixelGrid, table: Mapping[str, Sequence[Any]]) -> 
     return np.asarray(numbers(result) - getattr(grid, f"{edge}_mm"))
 
 
+def shift_messages(grid: PixelGrid | None, table: Mapping[str, Sequence[Any]]) -> list[str]:
+    """What to say where frames lie over half a pixel from the axes that all maps have."""
+    far = {name: np.abs(shift_of(edge, grid, table)) for name, edge in _AXES} if grid else {}
+    beyond = [
+        f"{np.nanmax(shift):.3g} mm along {name}"
+        for name, shift in far.items()
+        if grid and (shift > 0.5 * grid.pixel_mm).any()
+    ]
+    return [message("frames_own_places_lie", reach=" and ".join(beyond))] if beyond else []
+
+
 _GAMMA = "gamma"
 """Column of frames.csv of what each frame's own fringes say, without a model."""
 
@@ -416,14 +427,7 @@ def collect(
     )
     by_model = scene.model and not scene.polariscope.tells_orders
     fitted = _fitted(scene, table, shape) if by_model else None
-    grid = set_grid(scene, fitted, table, shape)
-    far = {name: np.abs(shift_of(edge, grid, table)) for name, edge in _AXES} if grid else {}
-    beyond = [  # the axes that all maps have
-        f"{np.nanmax(shift):.3g} mm along {name}"
-        for name, shift in far.items()
-        if grid and (shift > 0.5 * grid.pixel_mm).any()
-    ]
-    warnings += [message("frames_own_places_lie", reach=" and ".join(beyond))] if beyond else []
+    warnings += shift_messages(set_grid(scene, fitted, table, shape), table)
     return Processed(
         scene=scene, model=scene.model, columns=table, frames=frames, fitted=fitted,
         warnings=tuple(warnings), residual=residual, failed=more["status"].count("failed"),
