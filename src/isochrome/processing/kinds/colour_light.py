@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import ExitStack
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,7 +18,6 @@ from isochrome.frames import (
     Linear,
     estimate_noise,
     load_no_load,
-    open_scene_frames,
     to_linear,
 )
 from isochrome.fringes import ColourReading, read_colour, read_table, spectral_table
@@ -34,7 +31,7 @@ from isochrome.specimens import specimen_model
 from isochrome.stress import pixel_grid
 
 if TYPE_CHECKING:
-    from isochrome.processing.frame_task import FrameSource
+    pass
 
 Array = NDArray[Any]
 
@@ -42,6 +39,8 @@ Array = NDArray[Any]
 @dataclass(frozen=True, kw_only=True)
 class ColourLight(FrameKind):
     """Frames in light of several wavelengths, whose colours tell the order."""
+
+    channels = CHANNELS
 
     def check(self, scene: Scene) -> None:
         """Refuse frames that do not tell colours. Raises InputError."""
@@ -70,18 +69,6 @@ class ColourLight(FrameKind):
         path = scene.path(camera.response) if camera.response is not None else None
         table = spectral_table(scene.polariscope, camera_response(camera, path))
         return Capture(reader.bit_depth, dark, bright, table)
-
-    def captured(self, source: FrameSource, start: int) -> Iterator[list[Frame]]:
-        """The channels of one frame after another."""
-        path, scene = source.task.frames, source.task.scene
-        with ExitStack() as opened:
-            readers = [
-                opened.enter_context(
-                    open_scene_frames(path, scene.with_values({"frames.channel": name}))
-                )
-                for name in CHANNELS
-            ]
-            yield from map(list, islice(zip(*readers, strict=True), start, None))
 
     def read(self, frames: Sequence[Frame], scene: Scene, capture: Capture) -> ProcessedFrame:
         """The order that the colours tell; a model of the scene is not used."""
