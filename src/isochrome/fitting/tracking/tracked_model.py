@@ -100,22 +100,18 @@ class TrackedModel(FrameModel):
         if self._turns is None or grown:
             self.turn()
         elif WEAR in self.keys and self._law > 0.0:
-            self._turn_by_more()
+            # a coefficient's turn is its share of what the law has worn, which has become more
+            j, more = self.keys.index(WEAR), self._course.law_mm2 / self._law
+            self._turns[j] *= np.float32(more)
+            if self._by_held is not None:
+                self._by_held[j] /= more
+            self._law = self._course.law_mm2
         if not self._looked:
             gamma_fit = self.at(values)
             if gamma_fit is not None:
                 illumination, background = self._every.light.of(gamma_fit.part.coefficients)
                 self.look(illumination * self._signal(values) + background)
             self._looked = True
-
-    def _turn_by_more(self) -> None:
-        """Go on turning by an area: a coefficient's turn is its share of what the law has worn."""
-        assert self._turns is not None
-        j, more = self.keys.index(WEAR), self._course.law_mm2 / self._law
-        self._turns[j] *= np.float32(more)
-        if self._by_held is not None:
-            self._by_held[j] /= more
-        self._law = self._course.law_mm2
 
     def turn(self) -> None:
         """Make anew how the field turns with each value."""

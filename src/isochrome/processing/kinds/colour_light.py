@@ -78,7 +78,11 @@ class ColourLight(FrameKind):
         for part in (capture.dark, capture.bright):
             valid = valid & part.valid if part else valid
         low, high = (part.image if part else None for part in (capture.dark, capture.bright))
-        body, table = _specimen(scene, first), capture.table
+        camera, body, table = scene.camera, first.mask, capture.table
+        if scene.indenter is not None and camera is not None and camera.pixel_mm is not None:
+            rows, cols = first.image.shape
+            below = specimen_model(scene).inside(pixel_grid(scene, (rows, cols)))
+            body = np.broadcast_to(below, (rows, cols)) & (body is None or body)
         try:
             result = read_colour(
                 light, table, sigma=sigma, dark=low, bright=high, valid=valid, specimen=body
@@ -127,16 +131,6 @@ def _stacked(
         valid.append(linear.valid)
         sigma.append(noise.linear_sigma(level, bit_depth=bit_depth, gamma=gamma))
     return np.stack(light, axis=-1), np.stack(valid, axis=-1), np.stack(sigma, axis=-1)
-
-
-def _specimen(scene: Scene, frame: Frame) -> NDArray[np.bool_] | None:
-    """The frame's mask, and of a contact what lies below the scene's surface; None for all else."""
-    camera, mask = scene.camera, frame.mask
-    if scene.indenter is None or camera is None or camera.pixel_mm is None:
-        return mask
-    pixels = pixel_grid(scene, (frame.image.shape[0], frame.image.shape[1]))
-    below = np.broadcast_to(specimen_model(scene).inside(pixels), frame.image.shape[:2])
-    return below & (mask is None or mask)
 
 
 def _warnings(reading: ColourReading) -> tuple[str, ...]:
