@@ -247,7 +247,7 @@ class Tracker:
         result = None
         if self._values is not None and self.course.begun:
             if self._model is None:
-                self._model = self._prepare(frame, self._data(frame))
+                self._model = self._prepare(frame)
             result = self._follow(frame, self._model, self._values + self._pace)
         lost = result is None or not (result.positive and result.chi <= _LOST * self._reference)
         if lost:
@@ -327,9 +327,7 @@ class Tracker:
                 return None
             self.scene, fit = own
             self._restart(distance_m)
-            result = self._begin_at(
-                frame, self._data(frame), fit.scene, fit.chi, distance_m, distance_m
-            )
+            result = self._begin_at(frame, fit.scene, fit.chi, distance_m, distance_m)
             if result is not None and result.chi <= _LOST * max(1.0, fit.chi):
                 return result
         data = self._data(frame)
@@ -347,10 +345,10 @@ class Tracker:
         if not fit.positive:
             return None
         # the scene of one frame has worn over one metre
-        return self._begin_at(frame, data, fit.scene, fit.chi, 1.0, distance_m)
+        return self._begin_at(frame, fit.scene, fit.chi, 1.0, distance_m)
 
     def _begin_at(
-        self, frame: Frame, data: FrameData, fitted: Scene, chi: float, worn_m: float | None,
+        self, frame: Frame, fitted: Scene, chi: float, worn_m: float | None,
         distance_m: float | None,
     ) -> RefinedFit | None:  # fmt: skip
         """A frame from the scene that was `fitted` to it alone, with its `chi`.
@@ -358,7 +356,7 @@ class Tracker:
         `worn_m`, the distance by which that counts its wear; `distance_m`, slid until the frame.
         """
         begun = self.course.fitted(fitted, worn_m or 0.0, self._usual_load_n)
-        self._model = self._prepare(frame, data)
+        self._model = self._prepare(frame)
         result = self._follow(frame, self._model, begun)
         if len(self._model.keys) > len(self.keys) and self._model.holds_past(result):
             result = self._follow(frame, self._model, begun if result is None else result.values)
@@ -367,7 +365,7 @@ class Tracker:
             return result
         # what the frame shows alone, but not on the scar so far: that scar is not the block's
         self._restart(distance_m)
-        return self._begin_at(frame, data, fitted, chi, worn_m, distance_m)
+        return self._begin_at(frame, fitted, chi, worn_m, distance_m)
 
     def _restart(self, distance_m: float | None) -> None:
         """Let the contact be worn anew until a frame."""
@@ -380,11 +378,11 @@ class Tracker:
             prepare_frame(frame, self.scene, bit_depth=depth, no_load=no_load, noise=noise)
         )
 
-    def _prepare(self, frame: Frame, data: FrameData) -> TrackedModel:
+    def _prepare(self, frame: Frame) -> TrackedModel:
         """What all frames have in common, from one that is whole."""
-        noise = estimate_noise(frame.image, data.valid, bit_depth=self._bit_depth)
+        noise = estimate_noise(frame.image, frame.mask, bit_depth=self._bit_depth)
         return TrackedModel(
-            self.course, data, noise=noise, full=full_scale(self._bit_depth),
+            self.course, self._data(frame, noise), noise=noise, full=full_scale(self._bit_depth),
             held=self._apparatus.keys, usual_load_n=self._usual_load_n,
         )  # fmt: skip
 
