@@ -59,7 +59,7 @@ LINES = 5
 
 NOT_YET = (
     "calibration/beam/", "calibration/disc/", "calibration/whole_set/", "fitting/causes/",
-    "fitting/search/", "fitting/tracking/", "fitting/tractions/",
+    "fitting/search/", "fitting/tractions/",
 )  # fmt: skip
 """Where docstrings of inner names are still long: this list only gets shorter."""
 

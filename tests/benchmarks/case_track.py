@@ -192,7 +192,7 @@ def _row(name, workers, found, loads, wall, cpu, spent):
 
 PLACES = {
     "read": (
-        ("isochrome.processing.frame_task", "_read"),
+        ("isochrome.frames.reading", "_next"),
         ("isochrome.frames.reading", "FrameReader.count"),
         ("isochrome.processing.api", "identity_of"),
     ),

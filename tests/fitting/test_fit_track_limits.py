@@ -123,10 +123,10 @@ def test_a_tracked_key_that_a_frame_does_not_tell_has_no_uncertainty_but_infinit
         assert abs(one.values[0] - 44.0) < 4.0 * one.standard_uncertainty[0]
 
 
-def row(index, values, spread, *, chi=1.0, searched=False, positive=True):
+def row(index, values, spread, *, chi=1.0, searched=False):
     found = Tracked(
         values=values, standard_uncertainty=spread, cramer_rao_bound=spread, chi=chi,
-        searched=searched, positive=positive,
+        searched=searched,
     )  # fmt: skip
     return track_row(index, None, (LOAD, FRICTION), found)
 
@@ -135,7 +135,7 @@ def test_the_mean_that_the_scene_gets_is_of_the_frames_that_tell_a_key():
     rows = [
         row(0, [40.0, 0.1], [0.1, np.inf], searched=True),
         row(1, [44.0, 0.2], [0.1, 0.01]),
-        row(2, [np.nan, np.nan], [np.nan, np.nan], positive=False, searched=True),
+        row(2, [np.nan, np.nan], [np.nan, np.nan], searched=True, chi=np.nan),
         row(3, [48.0, 0.4], [0.1, 0.01], searched=True, chi=1.31),
     ]
     result = make_track(rows, (LOAD, FRICTION), contact())

@@ -15,7 +15,7 @@ import pytest
 import tifffile
 
 from isochrome.errors import InputError
-from isochrome.runs import RunOptions, WorkersLost, run_job, single_threaded
+from isochrome.runs import RunOptions, WorkerPool, WorkersLost, run_job, single_threaded
 from runs import killing
 from runs.counting import Count, calls, computed_again, contents, finish, job, truth
 
@@ -46,6 +46,16 @@ def test_two_workers_leave_what_one_process_leaves_and_do_not_hear_the_keyboard(
     assert f"{os.getpid()}.txt" in {p.name for p in count.notes.iterdir()}
     assert len(list(count.notes.iterdir())) >= 2  # the second time others did it
     assert told[-1].done == told[-1].count == 10
+
+
+def test_workers_that_were_started_before_their_work_was_known_compute_it(count, tmp_path):
+    """They import what it needs meanwhile."""
+    with WorkerPool(2, Count) as pool:
+        run_job(job(count), tmp_path / "two", finish, options=RunOptions(workers=2, pool=pool))
+    np.testing.assert_array_equal(
+        tifffile.imread(tmp_path / "two" / "order.tif"), np.stack([truth(i) for i in range(10)])
+    )
+    assert f"{os.getpid()}.txt" not in {p.name for p in count.notes.iterdir()}  # not computed here
 
 
 @pytest.mark.long

@@ -246,7 +246,7 @@ def _by_pool(
     tasks: Mapping[int, Task], scene: Scene, options: Mapping[str, Any], workers: int
 ) -> Generator[tuple[int, Outcome]]:
     given, by_one = dict(tasks), {**options, "workers": 1}
-    with runs.worker_pool(workers) as pool:
+    with runs.WorkerPool(workers) as pool:
 
         def submit(number: int) -> Future[Outcome]:
             return pool.submit(outcome_of, given[number], scene, by_one)

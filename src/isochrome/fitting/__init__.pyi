@@ -58,7 +58,7 @@ from .result import PARTS, TOO_FAR, Fit, KeyBudget, fitted_scene, make_result
 from .search.picture_search import Lying, PictureStart, search_picture
 from .tracking.api import track
 from .tracking.result import untracked_inputs
-from .tracking.tracker import Apparatus, Tracked, Tracker, VainSearch, find_apparatus, nothing_found
+from .tracking.tracker import Apparatus, Tracked, Tracker, find_apparatus
 from .wear_laws import (
     CLEAR,
     LawFit,
@@ -110,7 +110,6 @@ __all__ = [
     "SharedRun",
     "Tracked",
     "Tracker",
-    "VainSearch",
     "WearLaws",
     "add_up",
     "alone_scene",
@@ -142,7 +141,6 @@ __all__ = [
     "marginal",
     "mean_coefficients",
     "nearest_point",
-    "nothing_found",
     "opposite_shear",
     "over_distance",
     "over_distance_figure",

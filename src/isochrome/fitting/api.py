@@ -52,6 +52,7 @@ from isochrome.runs import (
     RunLayout,
     RunOptions,
     chunk_size,
+    computed,
     refuse_without_folder,
     rows,
     run_identity,
@@ -379,7 +380,8 @@ def fit(
     with single_threaded(), closing(PreparedFrames(frames, scene)) as data:
         task = _Task(data, shared, per_frame_keys, follow, tractions, as_stated, progress)
         if out is None:
-            return task.in_memory()
+            job = Job(task.work, task.layout, {}, in_turn=follow)
+            return task.concluded(list(computed(job, task.steps.run)))[0]
         keys = {"free": list(shared), "per_frame": list(per_frame_keys)}
         options = keys | {"follow": follow, "tractions": tractions}
         options |= {"as_stated": True} if as_stated else {}
@@ -416,22 +418,11 @@ class _Task:
         passes = 0 if is_each(sequence) else _PASSES
         self.steps = _Steps(progress, len(data), 1 + passes + tractions)
 
-    def in_memory(self) -> Fit:
-        """The fit, which leaves no files."""
-        results: list[Row] = []
-        carried = None
-        for i in range(len(self.data)):
-            part = self.work(i, i + 1, carried)
-            carried = part.left
-            results += part.rows
-            self.steps.one()
-        return self._concluded(results)[0]
-
     def to_folder(self, job: Job, out: Path, options: RunOptions) -> Fit:
         """The fit, its files and what is kept of it on the way in a folder."""
 
         def finish(run_folder: RunFolder) -> Fit:
-            result, joint = self._concluded([row for row, _ in rows(run_folder)])
+            result, joint = self.concluded([row for row, _ in rows(run_folder)])
             write_fit(run_folder, job, self.data.given.name, self.data, result, joint)
             return result
 
@@ -441,7 +432,8 @@ class _Task:
             results = run(options=replace(options, restart=True))
         return results or restore_fit(out, self.data.given, self.asked)
 
-    def _concluded(self, results: list[Row]) -> tuple[Fit, JointFit]:
+    def concluded(self, results: list[Row]) -> tuple[Fit, JointFit]:
+        """What all frames' own fits come to."""
         data, sequence = self.data, self.work.sequence
         single_fits = [self.work.restored(i, row) for i, row in enumerate(results)]
         messages = [(i, text) for i, row in enumerate(results) for text in row["said"]]

@@ -207,14 +207,3 @@ def refuse_bent(scene: Scene, what: str) -> None:
     for key in LENS:
         if scene.get(key):
             raise InputError("such_frames_cannot", key=key, scene=scene.get(key), what=what)
-
-
-def refuse_untracked(scene: Scene, keys: tuple[str, ...], known: tuple[str, ...]) -> None:
-    """InputError for what cannot be tracked through a video."""
-    if not scene.is_contact:
-        raise InputError("cannot_tracked_only_contacts", model=scene.model)
-    for key in keys:
-        if key not in known:
-            raise InputError("cannot_tracked_video_frames", key=key, known=", ".join(known))
-    if scene.friction and scene.friction.static_state_first:
-        raise InputError("friction_static_state_first_true_tracked")

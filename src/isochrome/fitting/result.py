@@ -234,7 +234,10 @@ def make_result(
         estimate = dict(zip(PARTS, map(float, parts), strict=True))
         for place in [shared] if unknown.shared else [per_frame[i] for i in unknown.frames]:
             place[unknown.key] = estimate
-    scene = _scene_of_all(joint, shared, per_frame)
+    scene, wear = _scene_of_all(joint, shared, per_frame), joint.scene.wear
+    against = []
+    if laws is not None and wear is not None and laws.speaks_against(wear.law):
+        against = [message("wear_law_not_what", law=wear.law, sentence=laws.sentence())]
     return Fit(
         shared=shared,
         frames=per_frame,
@@ -244,7 +247,7 @@ def make_result(
         scene=scene,
         other_minima=[_others(fit) for fit in single_fits],
         wear_laws=laws,
-        warnings=(*notes, *_warnings(joint, single_fits), *_against_law(joint.scene, laws)),
+        warnings=(*notes, *_warnings(joint, single_fits), *against),
         budget=tuple(
             KeyBudget(frame, unknown.key, inputs)
             for unknown, inputs in zip(joint.unknowns, joint.budget, strict=False)
@@ -302,13 +305,6 @@ def _warnings(joint: JointFit, single_fits: list[FrameFit]) -> list[str]:
     if not joint.converged:
         messages_found.append(message("fit_did_not_converge"))
     return messages_found
-
-
-def _against_law(scene: Scene, laws: WearLaws | None) -> list[str]:
-    """What to say where the frames speak against the scene's own wear law."""
-    if laws is None or scene.wear is None or not laws.speaks_against(scene.wear.law):
-        return []
-    return [message("wear_law_not_what", law=scene.wear.law, sentence=laws.sentence())]
 
 
 def fitted_scene(scene: Scene, shared: Found, per_frame: list[Found]) -> Scene:

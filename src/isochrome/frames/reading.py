@@ -11,6 +11,7 @@ import threading
 import warnings
 import weakref
 from collections.abc import Callable, Generator, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -339,18 +340,37 @@ class FrameReader:
     def frame(self, index: int) -> Frame:
         """The frame of a number from 0; the file stays open as long as they come in order.
 
-        Threads may share a reader. Raises InputError where it is bad or no longer there.
+        The next one is read by a thread meanwhile. Threads may share a reader. Raises InputError
+        where it is bad or no longer there.
         """
         state, self._open.state = getattr(self._open, "state", None), None
-        frames: Iterator[Frame] = self.iterate(index)
         # some are passed over where no fewer had to be decoded to come to it anew
         if state and self.first_decoded(index) <= state[1] <= index:
             frames = state[0]
-        frame = next((one for one in frames if one.index == index), None)
+        else:
+            del state  # its file is closed before another is opened
+            frames = self._ahead(index)
+            self._running.add(frames)
+        frame: Frame | None = next((one for one in frames if one.index == index), None)
         if frame is None:
             raise InputError("breaks_off_after_frames_had", path=self.path, at=index)
         self._open.state = frames, index + 1
         return frame
+
+    def _ahead(self, start: int) -> Generator[Frame]:
+        """Frames from `start` on, the next one read by a thread while this one is used.
+
+        Its end ends the reading, and with it closes the file that is read.
+        """
+        frames, thread = self._read(start, None), ThreadPoolExecutor(1)
+        try:
+            coming = thread.submit(_next, frames)
+            while (frame := coming.result()) is not None:
+                coming = thread.submit(_next, frames)
+                yield frame
+        finally:
+            thread.shutdown(wait=True, cancel_futures=True)
+            frames.close()
 
     def _read(self, start: int, stop: int | None) -> Generator[Frame]:
         if start == stop:
@@ -410,6 +430,11 @@ class FrameReader:
         self._running: weakref.WeakSet[Generator[Frame]] = weakref.WeakSet()
         self._open = threading.local()
         self.__dict__.update(state)
+
+
+def _next(frames: Iterator[Frame]) -> Frame | None:
+    """One frame, None at the end: a StopIteration cannot pass through a Future."""
+    return next(frames, None)
 
 
 def _check_range(image: np.ndarray, bit_depth: int | None, label: str) -> None:

@@ -24,13 +24,13 @@ from __future__ import annotations
 import zlib
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import cv2
 import numpy as np
 
 from isochrome.errors import InputError
 from isochrome.estimation import light_basis, total_degree
+from isochrome.frames import Frame
 from isochrome.fringes.follower import (
     SYSTEMATIC,
     WINDOWS,
@@ -69,15 +69,15 @@ class FilmLight:
 
     zero: Array = field(repr=False)  # of the unloaded specimen, Z
     illumination: Array = field(repr=False)  # A
-    error: Array = field(repr=False)  # standard uncertainty of A, over A
-    zero_error: Array = field(repr=False)  # standard uncertainty of Z, over A
+    # standard uncertainties of A and Z, over A
+    error: Array | float = field(default=0.0, repr=False)
+    zero_error: Array | float = field(default=0.0, repr=False)
     sign: float = 1.0  # 1 in the dark field, -1 in the bright one
 
     def joined(self, by: int) -> FilmLight:
-        """The same on blocks of pixels."""
-        names = "zero", "illumination", "error", "zero_error"
-        maps: dict[str, Any] = {name: joined_pixels(getattr(self, name), by) for name in names}
-        return replace(self, **maps)
+        """The same on blocks of pixels, on which it guides alone."""
+        zero, level = (joined_pixels(part, by) for part in (self.zero, self.illumination))
+        return FilmLight(zero=zero, illumination=level, sign=self.sign)
 
     def rise(self, light: Array) -> Array:
         """What fringes add to or take off the unloaded light, A sin² pi N (rows, cols)."""
@@ -270,14 +270,13 @@ class FilmPath:
         return next((s for s in spans if s[0] <= index < s[1] or index == s[0]), None)
 
     def follow(
-        self, frames: Iterable[tuple[Array, Mask, float]],
-        key: Callable[[], FilmState | None] | None = None, every: int = 1,
+        self, frames: Iterable[tuple[Frame, Array, Mask, float]],
+        key: Callable[[Frame, float], FilmState | None] | None = None, every: int = 1,
     ) -> None:  # fmt: skip
-        """Follow the film through its frames: light on blocks, where it is trusted, and time.
-
-        `key` reads the frame that was given last from nothing, None where it cannot, each `every`.
+        """Follow the film through its frames: with each its light on blocks, where it is trusted,
+        and its time. `key` reads each `every`-th from nothing, None where it cannot.
         """
-        for index, (light, valid, time) in enumerate(frames):
+        for index, (frame, light, valid, time) in enumerate(frames):
             self.count = index + 1
             rise = self.light.rise(light)
             wave = self.light.wave(light)
@@ -287,11 +286,10 @@ class FilmPath:
             read = key if index > self._begin else None
             due = read is not None and (breaks or index % every == 0)
             if due or index in (0, self._begin) or index % self.chunk == 0:
-                if read is not None:  # the next key frame finds what is not right
-                    state = self._state
-                    order, known = regained(state.order, state.known, wave, valid)
-                    self._state = replace(state, order=order, known=known)
-                if read is not None and due and (new := read()) is not None:
+                if read is not None:  # the next key frame finds what is not right of it
+                    order, known = regained(self._state.order, self._state.known, wave, valid)
+                    self._state = replace(self._state, order=order, known=known)
+                if read is not None and due and (new := read(frame, time)) is not None:
                     self._settle(new, index)
                 self.kept[index] = keep_state(self._state)
         if self._broken:

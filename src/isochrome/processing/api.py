@@ -91,6 +91,7 @@ from isochrome.runs import (
     RunLayout,
     RunOptions,
     StoredArrays,
+    WorkerPool,
     add_columns,
     attributes,
     chunk_size,
@@ -320,12 +321,9 @@ def process_in_memory(source: FrameSource, count: int, progress: RunProgress | N
 
 
 def set_dataset(
-    result: Processed,
-    more: Mapping[str, list[Any]],
-    frames: Sequence[ProcessedFrame],
-    film: Mapping[str, list[np.ndarray]],
-    shape: tuple[int, int],
-) -> RunDataset:
+    result: Processed, more: Mapping[str, list[Any]], frames: Sequence[ProcessedFrame],
+    film: Mapping[str, list[np.ndarray]], shape: tuple[int, int],
+) -> RunDataset:  # fmt: skip
     """The dataset of a set in memory, as run.zarr has it; `film`, maps of all frames by name."""
     scene, table = result.scene, result.columns
     columns, axes = _set_columns(result, more, shape)
@@ -539,7 +537,12 @@ def process(
     """
     scene = load_scene(scene)
     check_scene(scene)
-    _check_options(track, each, maps, preview, out)
+    if track and each:
+        raise InputError("track_each_set_followed")
+    if maps not in (None, "all", "key", "none"):
+        raise InputError("maps_give_all_key", maps=maps)
+    if preview and out is None:
+        raise InputError("preview_written_beside_results")
     if rois:
         load_roifile()  # missing, it is to be said before hours of work
     refuse_without_folder(out, workers, cluster)
@@ -568,18 +571,6 @@ def process(
             options = RunOptions(workers, cluster, restart, keep_going)
             result = _processed(task, identity, out, options, progress)
         return replace(result, as_stated=as_stated)
-
-
-def _check_options(
-    track: bool, each: bool, maps: str | None, preview: bool, out: str | Path | None
-) -> None:
-    """Refuse options that say two things, or nothing."""
-    if track and each:
-        raise InputError("track_each_set_followed")
-    if maps not in (None, "all", "key", "none"):
-        raise InputError("maps_give_all_key", maps=maps)
-    if preview and out is None:
-        raise InputError("preview_written_beside_results")
 
 
 def _kind_of_set(
@@ -623,14 +614,19 @@ def _processed(
 ) -> Processed:
     """All states of a set, in memory or into a folder."""
     count, source = count_of(task), open_set(task)
-    kind = task.kind.shared(source, count, progress, on_disk=out is not None)
-    task = source.task = replace(task, kind=kind)
-    if out is None:
-        return process_in_memory(source, count // task.steps, progress)
-    job = Job(partial(process_chunk, task), set_layout(source, count // task.steps), identify())
-    residual = source.capture.residual
-    finish = partial(finish_set_folder, Path(out).absolute(), job, task, residual)
-    result = run_job(job, out, finish, options=options, progress=progress)
+    workers = min(options.workers or 1, set_layout(source, count // task.steps).chunks)
+    with ExitStack() as opened:
+        if workers > 1 and options.cluster is None:  # they start while frames are asked
+            pool = WorkerPool(workers, (process_chunk, task.kind))
+            options = replace(options, pool=opened.enter_context(pool))
+        kind = task.kind.shared(source, count, progress, on_disk=out is not None)
+        task = source.task = replace(task, kind=kind)
+        if out is None:
+            return process_in_memory(source, count // task.steps, progress)
+        job = Job(partial(process_chunk, task), set_layout(source, count // task.steps), identify())
+        residual = source.capture.residual
+        finish = partial(finish_set_folder, Path(out).absolute(), job, task, residual)
+        result = run_job(job, out, finish, options=options, progress=progress)
     return result or restore(task.scene, Path(out), task.reader.shape, residual)
 
 

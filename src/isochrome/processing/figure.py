@@ -260,26 +260,24 @@ def processed_panels(result: Processed, frames: tuple[int, ...] | None) -> Paper
     table, dataset = result.columns, result.dataset
     status = column_values(dataset["status"])
     usual = shown_frames(table, status)
-    followed = PICTURE in table and ORDER.name in dataset and is_of_all(dataset[ORDER.name])
-    if followed and len(usual) < KEY_FRAMES:  # also others that have an order
-        usual = evenly_spaced(
-            [k for k, state in enumerate(status) if state != "failed"], KEY_FRAMES
-        )
+    having = list(range(len(status)))
+    if PICTURE in table:
+        of_all = ORDER.name in dataset and is_of_all(dataset[ORDER.name])
+        having = [
+            k
+            for k, at in enumerate(table[PICTURE])
+            if (status[k] != "failed" if of_all else at is not None)
+        ]
+        if of_all and len(usual) < KEY_FRAMES:  # also others that have an order
+            usual = evenly_spaced(having, KEY_FRAMES)
     chosen = chosen_frames(frames, len(table["frame"]), usual)
     items = [shown_item(table, dataset, k) for k in chosen]
     for item in items:
         if item.normalised is None and (item.order is None or not np.isfinite(item.order).any()):
-            raise InputError(_without_a_map(table, dataset, status, item.number))
+            some = f"{', '.join(map(str, having[:8]))}{' ...' * (len(having) > 8)}" or "none"
+            text = f"frames = {item.number} of a figure: has no map of its order; "
+            raise InputError(text + f"frames that have one: {some}")
     return _panels(table, items)
-
-
-def _without_a_map(table: Mapping[str, list[Any]], dataset: Kept, status: list[str], k: int) -> str:
-    """Why frame k of a followed video cannot be drawn, and which can."""
-    having = [j for j, at in enumerate(table[PICTURE]) if at is not None]
-    if ORDER.name in dataset and is_of_all(dataset[ORDER.name]):
-        having = [j for j, state in enumerate(status) if state != "failed"]
-    some = f"{', '.join(map(str, having[:8]))}{' ...' * (len(having) > 8)}" or "none"
-    return f"frames = {k} of a figure: has no map of its order; frames that have one: {some}"
 
 
 def _panels(table: Mapping[str, list[Any]], items: Sequence[Shown]) -> PaperPanels:

@@ -1,11 +1,7 @@
-"""What is done to a set: its frames, state after state, each on its own.
-
-The captured frames of a set, handed out from any frame on, read while others are computed.
-"""
+"""What is done to a set: its frames, state after state, each on its own."""
 
 import threading
-from collections.abc import Generator, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -13,34 +9,12 @@ from typing import Any
 from isochrome.errors import InputError, IsochromeError
 from isochrome.estimation import light_basis
 from isochrome.fitting import frame_distance, frame_scene, scene_at, timed_distance
-from isochrome.frames import Frame, FrameReader, misfits
+from isochrome.frames import Frame, FrameReader, misfits, open_scene_frames
 from isochrome.processing.kinds.kind import FrameKind
 from isochrome.processing.result import ProcessedFrame, failed_frame
 from isochrome.runs import run_identity, trim_heap
 from isochrome.scene import ArrayFrames, FramesLike, Scene, dump_scene
 from isochrome.specimens import surface_field_grid
-
-
-def _ahead(items: Iterator[list[Frame]]) -> Generator[list[Frame]]:
-    """The items of an iterator, the next one read by a thread of its own while this one is used.
-
-    Its end ends the reading, and with it closes the file that is read.
-    """
-    thread = ThreadPoolExecutor(1, thread_name_prefix="reading")
-    try:
-        coming = thread.submit(_read, items)
-        while (frames := coming.result()) is not None:
-            coming = thread.submit(_read, items)
-            yield frames
-    finally:
-        thread.shutdown(wait=True, cancel_futures=True)
-        if (end := getattr(items, "close", None)) is not None:
-            end()
-
-
-def _read(items: Iterator[list[Frame]]) -> list[Frame] | None:
-    """One item, None at the end: a StopIteration cannot pass through a Future."""
-    return next(items, None)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,35 +41,22 @@ class FrameTask:
 
 
 class FrameSource:
-    """An opened set: its `reader`, what all frames share, and where its reading stands.
-
-    It is read in order, from any state on: forward by passing over, back anew.
-    """
+    """An opened set: its `reader`, and what all frames share."""
 
     def __init__(self, task: FrameTask) -> None:
         """Open the files besides the frames. Raises InputError."""
         self.task, self.reader = task, task.reader
         self.capture = task.kind.prepare(task.scene, task.reader)
-        self._states: Generator[list[Frame]] | None = None
-        self._at = 0
+        channels = task.kind.channels
+        scenes = [task.scene.with_values({"frames.channel": name}) for name in channels]
+        self._readers = [open_scene_frames(task.frames, scene) for scene in scenes] or [self.reader]
 
     def captured(self, start: int, stop: int) -> Iterator[tuple[int, list[Frame]]]:
         """The frames of the states [start, stop), with the number of the state."""
-        steps, at = self.task.steps, self._at
-        # frames are passed over where no fewer had to be decoded to come to them anew
-        anew = start - self.reader.first_decoded(start * steps) // steps
-        if self._states is None or not at <= start <= at + anew:
-            self._close_states()
-            self._states, self._at = _ahead(self.task.kind.captured(self, start)), start
-        assert self._states is not None
-        for frames in self._states:
-            self._at += 1
-            if self._at > start:
-                yield self._at - 1, frames
-            if self._at >= stop:
-                return
-        at = max(self._at, start) * steps
-        raise InputError("breaks_off_after_frames_had", path=self.reader.path, at=at)
+        steps = self.task.steps
+        for index in range(start, stop):
+            numbers = range(index * steps, (index + 1) * steps)
+            yield index, [reader.frame(k) for k in numbers for reader in self._readers]
 
     def processed(self, index: int, frames: list[Frame]) -> ProcessedFrame:
         """What is found in one state's frames. Raises InputError, PhysicsError."""
@@ -121,13 +82,8 @@ class FrameSource:
 
     def close(self) -> None:
         """Close the files."""
-        self._close_states()
-        self.reader.close()
-
-    def _close_states(self) -> None:
-        if self._states is not None:
-            self._states.close()
-        self._states = None
+        for reader in (*self._readers, self.reader):
+            reader.close()
 
 
 _KEPT = threading.local()

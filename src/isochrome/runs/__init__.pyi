@@ -1,6 +1,7 @@
 from .execution import (
     RunOptions,
     Stopped,
+    computed,
     has_run,
     holds_results,
     locked,
@@ -56,12 +57,12 @@ from .store import (
 )
 from .workers import (
     NoCluster,
+    WorkerPool,
     WorkersLost,
     in_flight,
     processors,
     single_threaded,
     trim_heap,
-    worker_pool,
 )
 
 __all__ = [
@@ -84,6 +85,7 @@ __all__ = [
     "Stopped",
     "StoredArrays",
     "Verified",
+    "WorkerPool",
     "WorkersLost",
     "add_columns",
     "attributes",
@@ -91,6 +93,7 @@ __all__ = [
     "chunk_size",
     "column",
     "column_values",
+    "computed",
     "create_store",
     "environment",
     "export",
@@ -118,7 +121,6 @@ __all__ = [
     "trim_heap",
     "verify",
     "wipe",
-    "worker_pool",
     "working_folder",
     "write_stack",
 ]

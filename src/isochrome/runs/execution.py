@@ -49,6 +49,7 @@ from isochrome.runs.job import (
 from isochrome.runs.store import WORKING, create_store
 from isochrome.runs.workers import (
     Finished,
+    WorkerPool,
     WorkersLost,
     alone,
     by_cluster,
@@ -406,13 +407,14 @@ class RunOptions:
     `workers`, processes on this machine; None: as many as there are processors where it is worth
     starting them; `cluster`, address of a Dask scheduler instead; `restart`, whether to throw away
     what an earlier run left; `keep_going`, whether to leave out items that fail instead of ending
-    with the first.
+    with the first; `pool`, worker processes that are started already.
     """
 
     workers: int | None = 1
     cluster: str | None = None
     restart: bool = False
     keep_going: bool = False
+    pool: WorkerPool | None = None
 
 
 def refuse_without_folder(out: str | Path | None, workers: int | None, cluster: str | None) -> None:
@@ -585,7 +587,7 @@ def _finished(
         workers = processors() if remaining_s > WORTH_WORKERS_S else 1
     workers = min(workers, len(todo))
     if workers > 1:
-        yield from by_processes(work, run, todo, workers)
+        yield from by_processes(work, run, todo, options.pool or WorkerPool(workers))
     else:
         yield from alone(work, run, todo)
 
@@ -623,7 +625,19 @@ def check_unchanged(before: Stamps, after: Stamps) -> None:
             )
 
 
-def one_by_one(job: Job, run: RunFolder) -> Work:
+def computed(job: Job, progress: RunProgress | None) -> Iterator[dict[str, Any]]:
+    """The rows of a job without pictures, of which nothing is kept on the disk."""
+    work, count, flagged = one_by_one(job, None), job.layout.count, 0
+    for index in range(job.layout.chunks):
+        start, stop = job.layout.span(index)
+        results = work(start, stop)
+        flagged += sum(more["status"] != "ok" for more in results.more)
+        if progress is not None:
+            progress(Tally(stop, count, 0, flagged))
+        yield from results.rows
+
+
+def one_by_one(job: Job, run: RunFolder | None) -> Work:
     """A job's work on a chunk, whatever it needs of the chunk before.
 
     What a chunk leaves goes through JSON whether it is still in memory or read from its record, so
@@ -634,9 +648,9 @@ def one_by_one(job: Job, run: RunFolder) -> Work:
     work, last = cast(InTurn, job.work), dict[int, Any]()
 
     def in_turn(start: int, stop: int) -> Results:
-        index = start // run.layout.chunk
+        index = start // job.layout.chunk
         if index and index - 1 not in last:
-            record = read_record_of(run, index - 1)
+            record = read_record_of(run, index - 1) if run else None
             assert record is not None
             last[index - 1] = record["left"]
         results = work(start, stop, last.get(index - 1))

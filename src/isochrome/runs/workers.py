@@ -22,6 +22,7 @@ import threading
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from functools import cache
+from pathlib import Path
 from typing import Any, TypeVar
 
 from isochrome.errors import InputError
@@ -89,40 +90,43 @@ def alone(work: Work, run: RunFolder, chunks: Sequence[int]) -> Generator[Finish
 
 
 def by_processes(
-    work: Work, run: RunFolder, chunks: Sequence[int], workers: int
+    work: Work, run: RunFolder, chunks: Sequence[int], pool: WorkerPool
 ) -> Generator[Finished]:
     """Compute chunks in worker processes, each of which writes its own to the disk.
 
-    They are spawned, not forked, ignore the keyboard, and end when this process does, however it
-    does. Yields in the order of completion. Raises WorkersLost where a worker was killed.
+    Yields in the order of completion. Raises WorkersLost where a worker was killed.
     """
     # once for all chunks, as it may know all frames' places; here it can be said that it fails
-    task = pickle.dumps((work, run))
-    with worker_pool(workers, task) as pool:
+    task = run.root / "task"
+    task.write_bytes(pickle.dumps((work, run)))
+    with pool:
         yield from in_flight(
-            lambda index: pool.submit(_alone_in_worker, index), chunks, 2 * workers
+            lambda index: pool.submit(_alone_in_worker, task, index), chunks, 2 * pool.workers
         )
 
 
-@contextmanager
-def worker_pool(workers: int, task: bytes = b"") -> Iterator[futures.ProcessPoolExecutor]:
-    """Start worker processes that ignore the keyboard and end when this process does.
+class WorkerPool(futures.ProcessPoolExecutor):
+    """So many worker processes, which are spawned, not forked, and ignore the keyboard.
 
-    They are spawned, and each has the pickled `task`, if any. Left by an exception, the block ends
-    them at once, whatever they are at. Raises WorkersLost.
+    They end when this process does, however it does. Left by an exception, the block of the pool
+    ends them at once, whatever they are at, and raises WorkersLost where one was killed.
     """
-    before, spawn = set(multiprocessing.active_children()), multiprocessing.get_context("spawn")
-    pool = futures.ProcessPoolExecutor(workers, spawn, _start_worker, (task,))
-    try:
-        yield pool
-    except BaseException as error:  # whoever waits at the keyboard does not wait for a chunk
-        for child in set(multiprocessing.active_children()) - before:
-            child.terminate()
+
+    def __init__(self, workers: int, ready: Any = None) -> None:
+        """`ready`, what they import as they start, beside what is computed here until then."""
+        self.workers, self._others = workers, set(multiprocessing.active_children())
+        super().__init__(workers, multiprocessing.get_context("spawn"), _start_worker)
+        for _ in range(workers if ready is not None else 0):
+            self.submit(id, ready)
+
+    def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
+        """Wait for what is under way; after an exception for nothing."""
+        if error is not None:  # whoever waits at the keyboard does not wait for a chunk
+            for child in set(multiprocessing.active_children()) - self._others:
+                child.terminate()
+        self.shutdown(wait=True, cancel_futures=True)
         if isinstance(error, futures.process.BrokenProcessPool):
             raise WorkersLost("worker_process_killed_system") from error
-        raise
-    finally:
-        pool.shutdown(wait=True, cancel_futures=True)
 
 
 def by_cluster(
@@ -176,15 +180,10 @@ def in_flight(
             yield waiting.pop(future), future.result()
 
 
-_TASK: list[Any] = []
-"""What a worker process was started for."""
-
-
-def _start_worker(task: bytes) -> None:
+def _start_worker() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends its workers itself
     threading.Thread(target=_end_with_parent, daemon=True).start()
     keep_steady()
-    _TASK[:] = pickle.loads(task) if task else ()
 
 
 def _end_with_parent() -> None:
@@ -194,8 +193,15 @@ def _end_with_parent() -> None:
     os._exit(1)
 
 
-def _alone_in_worker(index: int) -> ChunkRecord:
-    work, run = _TASK
+@cache
+def _task(file: Path) -> tuple[Work, RunFolder]:
+    """What a worker process computes, as `by_processes` has left it for all of them."""
+    task: tuple[Work, RunFolder] = pickle.loads(file.read_bytes())
+    return task
+
+
+def _alone_in_worker(task: Path, index: int) -> ChunkRecord:
+    work, run = _task(task)
     with single_threaded():
         record = keep(run, index, work(*run.layout.span(index)))
     trim_heap()

@@ -1,8 +1,7 @@
 """`fit --track`: a video's frames one after the other, each followed from the one before."""
 
-import json
-from collections.abc import Iterable, Iterator, Mapping
-from contextlib import closing
+from collections.abc import Iterable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +20,8 @@ from isochrome.frames import (
     open_scene_frames,
     with_file_scale,
 )
-from isochrome.output import provenance, write_figure
-from isochrome.progress import RunProgress, Tally
+from isochrome.output import write_figure
+from isochrome.progress import RunProgress
 from isochrome.runs import (
     Job,
     Results,
@@ -30,8 +29,9 @@ from isochrome.runs import (
     RunLayout,
     RunOptions,
     column,
-    environment,
+    computed,
     rows,
+    run_identity,
     run_job,
     single_threaded,
 )
@@ -134,25 +134,24 @@ def track(
     with single_threaded(), open_scene_frames(frames, scene) as reader:
         scene = with_file_scale(scene, reader)
         check_pixel(scene, reader.shape)
-        with closing(_TrackWork(reader, sliding_scene(scene), keys)) as work:
-            count = reader.count(decode=False)
-            if count == 0:
-                raise InputError("holds_no_frame_check", path=reader.path)
-            if scene.frames.sliding_speed_mm_per_s is None:
-                refuse_states(reader.path, count, work.scene)
-            if not as_stated:
-                work.ask(count)
-            if out is None:
-                return work.result(_in_turn(work, count, progress))
-            identity = provenance(dump_scene(scene), input_files(reader, scene)) | environment()
-            options = {"track": list(keys)} | ({"as_stated": True} if as_stated else {})
-            identity |= {"options": options}
-            layout = RunLayout(axes={"frame": count}, chunk=CHUNK)
-            job = Job(work, layout, identity, in_turn=True)
-            result = run_job(
-                job, out, lambda run_folder: _finish(run_folder, job, work),
-                options=RunOptions(workers, cluster, restart), progress=progress,
-            )  # fmt: skip
+        work = _TrackWork(reader, sliding_scene(scene), keys)
+        count = reader.count(decode=False)
+        if count == 0:
+            raise InputError("holds_no_frame_check", path=reader.path)
+        if scene.frames.sliding_speed_mm_per_s is None:
+            refuse_states(reader.path, count, work.scene)
+        if not as_stated:
+            work.ask(count)
+        layout = RunLayout(axes={"frame": count}, chunk=CHUNK)
+        if out is None:
+            return work.result(computed(Job(work, layout, {}, in_turn=True), progress))
+        options = {"track": list(keys)} | ({"as_stated": True} if as_stated else {})
+        identity = run_identity(dump_scene(scene), input_files(reader, scene), options)
+        job = Job(work, layout, identity, in_turn=True)
+        result = run_job(
+            job, out, partial(_finish, job, work),
+            options=RunOptions(workers, cluster, restart), progress=progress,
+        )  # fmt: skip
     if result is not None:
         return result
     selected, fitted = kept_values(Path(out), scene)
@@ -166,7 +165,7 @@ class _TrackWork:
         self.scene, self.keys, self.reader = scene, keys, reader
         self._no_load = load_no_load(scene, full_shape=reader.full_shape)
         self.apparatus = Apparatus(scene=placed(scene, reader.shape))
-        self._tracker()
+        self._tracker()  # what cannot be tracked is refused
 
     def ask(self, count: int) -> None:
         """Ask a few of the frames what belongs to the apparatus."""
@@ -192,31 +191,12 @@ class _TrackWork:
         """The track of all frames' rows. Raises PhysicsError where none tells any value."""
         return make_track(rows, self.keys, self.scene, self.apparatus.warnings)
 
-    def close(self) -> None:
-        """Close the file."""
-        self.reader.close()
-
     def _tracker(self) -> Tracker:
         one, depth = self.apparatus, self.reader.bit_depth
         return Tracker(one.scene, self.keys, bit_depth=depth, no_load=self._no_load, apparatus=one)
 
 
-def _in_turn(
-    work: _TrackWork, count: int, progress: RunProgress | None
-) -> Iterator[dict[str, Any]]:
-    """The rows of all frames, in the same chunks as into a folder."""
-    left, flagged = None, 0
-    for start in range(0, count, CHUNK):
-        stop = min(start + CHUNK, count)
-        part = work(start, stop, left)
-        left = json.loads(json.dumps(part.left))
-        yield from part.rows
-        flagged += sum(more["status"] != "ok" for more in part.more)
-        if progress is not None:
-            progress(Tally(stop, count, 0, flagged))
-
-
-def _finish(run_folder: RunFolder, job: Job, work: _TrackWork) -> Track:
+def _finish(job: Job, work: _TrackWork, run_folder: RunFolder) -> Track:
     """Make the files that need all frames, from what is kept of their chunks."""
     result = work.result(row for row, _ in rows(run_folder))
     write_figure(run_folder.results / "fit.png", result.figure())

@@ -136,18 +136,7 @@ def track_row(
 
 
 def untracked_inputs(scene: Scene) -> list[str]:
-    """Say what the uncertainties of tracked values leave out.
-
-    Parameters
-    ----------
-    scene : Scene
-        The scene of the video.
-
-    Returns
-    -------
-    list of str
-        A sentence where the scene states uncertainties, else none.
-    """
+    """What is said where a scene states uncertainties, which tracked values leave out."""
     if not scene.uncertainties:
         return []
     return [

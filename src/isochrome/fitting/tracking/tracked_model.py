@@ -93,30 +93,25 @@ class TrackedModel(FrameModel):
         self.renderer.forget()
         scene = self.moved(self.keys, values)
         self._field, self.place = self.renderer.field_alone(scene)[self._every.keep], place
-        if self._turns is None or (WEAR in self.keys and self._has_grown(values)):
+        grown = False
+        if self._turns is not None and WEAR in self.keys:  # another scar than of the turns
+            begun = self._worn == 0.0 < self._course.worn_mm2
+            grown = begun or self._course.grown(self._worn, values) > _GROWN
+        if self._turns is None or grown:
             self.turn()
         elif WEAR in self.keys and self._law > 0.0:
-            self._turn_by_more()
+            # a coefficient's turn is its share of what the law has worn, which has become more
+            j, more = self.keys.index(WEAR), self._course.law_mm2 / self._law
+            self._turns[j] *= np.float32(more)
+            if self._by_held is not None:
+                self._by_held[j] /= more
+            self._law = self._course.law_mm2
         if not self._looked:
             gamma_fit = self.at(values)
             if gamma_fit is not None:
                 illumination, background = self._every.light.of(gamma_fit.part.coefficients)
                 self.look(illumination * self._signal(values) + background)
             self._looked = True
-
-    def _has_grown(self, values: Array) -> bool:
-        """Whether the scar is another one than it was when the turns were made."""
-        begun = self._worn == 0.0 < self._course.worn_mm2
-        return begun or self._course.grown(self._worn, values) > _GROWN
-
-    def _turn_by_more(self) -> None:
-        """Go on turning by an area: a coefficient's turn is its share of what the law has worn."""
-        assert self._turns is not None
-        j, more = self.keys.index(WEAR), self._course.law_mm2 / self._law
-        self._turns[j] *= np.float32(more)
-        if self._by_held is not None:
-            self._by_held[j] /= more
-        self._law = self._course.law_mm2
 
     def turn(self) -> None:
         """Make anew how the field turns with each value."""
@@ -195,23 +190,23 @@ class TrackedModel(FrameModel):
         field = self._field + (values - self.place).astype(np.float32) @ self._turns
         return field, shown + (values - middle).astype(np.float32) @ fading
 
-    def tells_past(self, found: RefinedFit) -> bool:
-        """Whether a first frame tells that other loads than the usual one wore its contact.
+    def holds_past(self, found: RefinedFit | None) -> bool:
+        """Hold the loads before a first frame at the usual one, unless that tells of others.
 
         By the evidence for them, at even odds: what is known of those loads before the frame and
         after it, both at the usual one. Source: Dickey (1971), Ann. Math. Stat. 42, 204.
         """
         count = len(self._course.tracked)
-        covariance = found.local.inverse[count:, count:] * found.gamma_fit.noise
-        away = found.values[count:] - self._usual
-        shares = covariance / (_SWING * self._usual) ** 2
-        return bool(away @ np.linalg.solve(covariance, away) > -np.linalg.slogdet(shares)[1])
-
-    def hold_past(self) -> None:
-        """Hold the loads before a first frame at the usual one."""
+        if found is not None:
+            covariance = found.local.inverse[count:, count:] * found.gamma_fit.noise
+            away = found.values[count:] - self._usual
+            shares = covariance / (_SWING * self._usual) ** 2
+            if away @ np.linalg.solve(covariance, away) > -np.linalg.slogdet(shares)[1]:
+                return False
         weight = self.prior.weight.copy()
-        weight[len(self._course.tracked) :] = (STEP * self._usual) ** -2.0
+        weight[count:] = (STEP * self._usual) ** -2.0
         self.prior = Prior(self.prior.values, weight)
+        return True
 
     def go_on(self) -> None:
         """Leave the first frame: what wore the contact before it is no unknown of the next."""

@@ -1,12 +1,11 @@
 """What does not change from frame to frame of a video, asked of one of them before the track.
 
-A full search that found nothing is not made again in frames that show the same.
-
 Follow a contact through a video: each frame is fitted from the last one's values, in milliseconds
 (`tracked_model`). A frame that this does not bring down to its noise is lost, and is searched for
 as if it were alone.
 """
 
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
@@ -28,7 +27,7 @@ from isochrome.fitting.causes.freeing import Freed, free_causes
 from isochrome.fitting.causes.report import cause_messages
 from isochrome.fitting.causes.slips import is_lost
 from isochrome.fitting.causes.solution import FrameSolution
-from isochrome.fitting.frame.frame_fit import fit_frame, fit_with_model, placed
+from isochrome.fitting.frame.frame_fit import FrameFit, fit_frame, fit_with_model, placed
 from isochrome.fitting.frame.frame_model import RefinedFit, refine_fit
 from isochrome.fitting.frame.model_frame import ModelFrame, evaluate_model
 from isochrome.fitting.frame.renderer import SceneRenderer
@@ -52,20 +51,8 @@ NoLoad = tuple[Linear | None, Linear | None]
 class Apparatus:
     """What a video's frames have in common besides what their scene says.
 
-    Parameters
-    ----------
-    scene : Scene
-        The scene, with what was found.
-    keys : tuple of str, (m,), optional
-        The keys that were found.
-    covariance : ndarray, (m, m), optional
-        Of their values.
-    uneven : Unevenness, optional
-        How uneven the light is, where it was fitted so.
-    outside : ndarray of bool, (rows, cols), optional
-        Pixels that are left out.
-    warnings : tuple of str, optional
-        What is said of it.
+    `scene`, with what was found: `keys` (m,), the `covariance` (m, m) of their values; `uneven`,
+    where the light was fitted so; pixels `outside` (rows, cols) are left out; `warnings`, of it.
     """
 
     scene: Scene
@@ -104,25 +91,8 @@ def find_apparatus(
 ) -> Apparatus:
     """Ask a video's first frame for what belongs to the apparatus; else the middle or last one.
 
-    Of a contact that wears only the first: what has worn the others is not known yet.
-
-    Parameters
-    ----------
-    reader : FrameReader
-        The video.
-    scene : Scene
-        A contact, where its first frame's search starts.
-    keys : tuple of str
-        The keys that are tracked.
-    count : int
-        Number of the video's frames.
-    no_load : tuple of Linear or None, (2,), optional
-        The dark and the bright frame without load.
-
-    Returns
-    -------
-    Apparatus
-        What was found; the scene as it is where the frame asks for nothing, or none shows it.
+    `count` of its frames, where `keys` are tracked. Of a contact that wears only the first is
+    asked: what has worn the others is not known yet. The scene as it is where none shows anything.
     """
     scene = placed(scene, reader.shape)
     if isinstance(scene.frames.gamma, str):
@@ -168,40 +138,6 @@ _SAME = 1.05
 _STRIDE = 4
 
 
-class VainSearch:
-    """The last frame in which a full search found nothing, if any.
-
-    Frames that show the same are not searched anew.
-
-    Parameters
-    ----------
-    bit_depth : int or None
-        Bit depth of the sensor, None where levels are fractions of full scale.
-    """
-
-    def __init__(self, bit_depth: int | None) -> None:
-        self._bit_depth = bit_depth
-        self._last: tuple[Array, float] | None = None
-
-    def remember(self, frame: Frame) -> None:
-        """Keep a frame that was searched in vain."""
-        thin = _thin(frame)
-        model = estimate_noise(frame.image, frame.mask, bit_depth=self._bit_depth)
-        self._last = thin, float(np.sqrt(np.nanmean(np.square(model.sigma(thin)))))
-
-    def forget(self) -> None:
-        """A frame was found: another search may be worth its time."""
-        self._last = None
-
-    def is_repeated(self, frame: Frame) -> bool:
-        """Whether a frame shows the same as the one that was searched in vain."""
-        if self._last is None:
-            return False
-        picture, noise = self._last
-        change = float(np.sqrt(np.nanmean(np.square(_thin(frame) - picture))))
-        return bool(change <= _SAME * np.sqrt(2.0) * noise)
-
-
 def _thin(frame: Frame) -> Array:
     """Some of a frame's pixels."""
     return frame.image[::_STRIDE, ::_STRIDE].astype(np.float32)
@@ -222,24 +158,11 @@ FAR = "model_too_far_off"
 
 @dataclass(frozen=True, kw_only=True)
 class Tracked:
-    """What was found in one frame of a video.
+    """What was found in one frame of a video: `values` (keys,) in the units that these name.
 
-    Parameters
-    ----------
-    values : ndarray, (keys,)
-        The tracked values, in the units that the keys name, NaN where nothing was found.
-    standard_uncertainty : ndarray, (keys,)
-        Their standard uncertainties, inf for what the frame does not tell.
-    cramer_rao_bound : ndarray, (keys,)
-        The least standard uncertainties that the frame's noise allows.
-    chi : float
-        Residual over noise, NaN where nothing was found, but where the model was too far off.
-    searched : bool
-        Whether the frame was found by a full search, not from the last frame.
-    positive : bool
-        False where the scene's fringes are not in the frame.
-    far : bool, default False
-        Whether the model was too far off to give values.
+    NaN where the frame does not show the scene's fringes; then `chi` is known where the model was
+    too far off alone. `standard_uncertainty` and `cramer_rao_bound` (keys,) are infinite for what
+    the frame does not tell; `searched`, whether it was searched for, not followed.
     """
 
     values: Array
@@ -247,80 +170,45 @@ class Tracked:
     cramer_rao_bound: Array
     chi: float
     searched: bool
-    positive: bool
-    far: bool = False
+
+    @property
+    def positive(self) -> bool:
+        """Whether the scene's fringes are in the frame."""
+        return bool(np.isfinite(self.values).any())
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """The frame's warnings."""
         if not self.positive:
-            return (message(FAR) if self.far else message(NO_FRINGES),)
+            return (message(NO_FRINGES if np.isnan(self.chi) else FAR),)
         again = (message(AGAIN),) if self.searched else ()
         return (*again, message(POOR)) if self.chi > POOR_CHI else again
 
 
-def nothing_found(count: int, chi: float = float("nan")) -> Tracked:
-    """A frame without values.
-
-    Parameters
-    ----------
-    count : int
-        How many keys are tracked.
-    chi : float, default nan
-        Residual over noise of a model that is too far off, NaN where there is none.
-
-    Returns
-    -------
-    Tracked
-        NaN for each key.
-    """
-    nan = np.full(count, np.nan)
-    return Tracked(
-        values=nan, standard_uncertainty=nan, cramer_rao_bound=nan, chi=chi, searched=False,
-        positive=False, far=bool(np.isfinite(chi)),
-    )  # fmt: skip
+Alone = Callable[[Frame], tuple[Scene, FrameFit] | None]
+"""A frame fitted by itself: the scene that its track is to begin with, and its fit; None where the
+scene's fringes are not in it."""
 
 
 class Tracker:
-    """Tracks keys of a scene through frames given one after the other.
-
-    Parameters
-    ----------
-    scene : Scene
-        A contact, placed in its picture (see `placed`).
-    keys : tuple of str
-        The keys to track.
-    bit_depth : int or None
-        Bit depth of the sensor, None where levels are fractions of full scale.
-    no_load : tuple of Linear or None, (2,), optional
-        The dark and the bright frame without load.
-    apparatus : Apparatus, optional
-        What else the frames have in common, with the scene in it.
-    usual_load_n : float, optional
-        About the load that has worn the contact before its first frame, by default the scene's.
-
-    Raises
-    ------
-    InputError
-        For a scene or a key that cannot be tracked.
-    """
+    """Tracks keys of a contact scene, placed in its picture, through frames given in turn."""
 
     def __init__(
-        self,
-        scene: Scene,
-        keys: tuple[str, ...],
-        *,
-        bit_depth: int | None,
-        no_load: NoLoad = (None, None),
-        apparatus: Apparatus | None = None,
-        usual_load_n: float | None = None,
-    ) -> None:
-        self.scene, self.keys = scene, keys
-        self._usual_load_n = usual_load_n or scene.load_at(0.0)
+        self, scene: Scene, keys: tuple[str, ...], *, bit_depth: int | None,
+        no_load: NoLoad = (None, None), apparatus: Apparatus | None = None,
+        alone: Alone | None = None,
+    ) -> None:  # fmt: skip
+        """`apparatus`, with the scene in it; `alone` fits frames until there is a track.
+
+        Raises InputError for a scene or a key that cannot be tracked.
+        """
+        self.scene, self.keys, self._alone = scene, keys, alone
+        # about the load that has worn the contact before its first frame
+        self._usual_load_n = scene.load_at(0.0)
         self._apparatus = apparatus or Apparatus(scene=scene)
         self.course = WornCourse(scene, keys)
         self._bit_depth, self._no_load = bit_depth, no_load
-        self._vain = VainSearch(bit_depth)
+        self._vain: tuple[Array, float] | None = None  # some pixels of a frame, and their noise
         self._values: Array | None = None
         self._pace = np.zeros(len(keys))
         self._model: TrackedModel | None = None
@@ -344,29 +232,22 @@ class Tracker:
         self.course.resume(state["course"])
         self._model = None
 
-    def begin(self, frame: Frame, fitted: Scene, chi: float, distance_m: float | None) -> Tracked:
-        """Start in a frame that was fitted by itself: `fitted`, with its `chi`.
-
-        `distance_m`, slid until then, None where nothing wears. Raises InputError on a blank frame.
-        """
-        self.course.at(distance_m)
-        result = self._begin_at(frame, self._data(frame), fitted, chi, distance_m, distance_m)
-        if result is None or result.chi > _LOST * max(1.0, chi):
-            result = self._search(frame, distance_m)
-        return self._take(result, frame, lost=True)
-
     def track(self, frame: Frame, distance_m: float | None) -> Tracked:
         """The tracked values of the next frame. Raises InputError on a blank frame.
 
-        `distance_m`, slid until then, None where nothing wears.
+        `distance_m`, slid until then, None where nothing wears. What shows the same as a frame that
+        was searched in vain is not searched.
         """
-        if self._vain.is_repeated(frame):
-            return nothing_found(len(self.keys))
+        if self._vain is not None:
+            picture, noise = self._vain
+            change = float(np.sqrt(np.nanmean(np.square(_thin(frame) - picture))))
+            if change <= _SAME * np.sqrt(2.0) * noise:
+                return self._nothing()
         self.course.at(distance_m)
         result = None
         if self._values is not None and self.course.begun:
             if self._model is None:
-                self._model = self._prepare(frame, self._data(frame))
+                self._model = self._prepare(frame)
             result = self._follow(frame, self._model, self._values + self._pace)
         lost = result is None or not (result.positive and result.chi <= _LOST * self._reference)
         if lost:
@@ -380,9 +261,11 @@ class Tracker:
         # over the contrast, by the median of the pixels: see TOO_FAR
         lit = np.median(found.gamma_fit.part.amplitude) if found else 0.0
         if found is None or not found.positive or found.chi > TOO_FAR * lit:
-            self._vain.remember(frame)
-            return nothing_found(count, found.chi if found and found.positive else np.nan)
-        self._vain.forget()
+            thin = _thin(frame)
+            noise = estimate_noise(frame.image, frame.mask, bit_depth=self._bit_depth).sigma(thin)
+            self._vain = thin, float(np.sqrt(np.nanmean(np.square(noise))))
+            return self._nothing(found.chi if found and found.positive else np.nan)
+        self._vain = None  # another search may be worth its time
         if lost:
             self._reference = max(1.0, found.chi)
         self._values = found.values[:count]
@@ -427,11 +310,26 @@ class Tracker:
             self.course.past = found.values[count:], covariance[count:, count:]
         return Tracked(
             values=found.values[:count], standard_uncertainty=sure[:count],
-            cramer_rao_bound=local.bound[:count], chi=found.chi, searched=searched, positive=True,
+            cramer_rao_bound=local.bound[:count], chi=found.chi, searched=searched,
         )  # fmt: skip
+
+    def _nothing(self, chi: float = np.nan) -> Tracked:
+        """A frame without values, and chi of a model that is too far off."""
+        nan = np.full(len(self.keys), np.nan)
+        return Tracked(
+            values=nan, standard_uncertainty=nan, cramer_rao_bound=nan, chi=chi, searched=False
+        )
 
     def _search(self, frame: Frame, distance_m: float | None) -> RefinedFit | None:
         """A frame found as if it were alone; None where the scene's fringes are not in it."""
+        if self._alone is not None and self._values is None:
+            if (own := self._alone(frame)) is None:
+                return None
+            self.scene, fit = own
+            self._restart(distance_m)
+            result = self._begin_at(frame, fit.scene, fit.chi, distance_m, distance_m)
+            if result is not None and result.chi <= _LOST * max(1.0, fit.chi):
+                return result
         data = self._data(frame)
         course = self.course
         start = course.own_values() if self._values is None else self._values
@@ -447,10 +345,10 @@ class Tracker:
         if not fit.positive:
             return None
         # the scene of one frame has worn over one metre
-        return self._begin_at(frame, data, fit.scene, fit.chi, 1.0, distance_m)
+        return self._begin_at(frame, fit.scene, fit.chi, 1.0, distance_m)
 
     def _begin_at(
-        self, frame: Frame, data: FrameData, fitted: Scene, chi: float, worn_m: float | None,
+        self, frame: Frame, fitted: Scene, chi: float, worn_m: float | None,
         distance_m: float | None,
     ) -> RefinedFit | None:  # fmt: skip
         """A frame from the scene that was `fitted` to it alone, with its `chi`.
@@ -458,19 +356,21 @@ class Tracker:
         `worn_m`, the distance by which that counts its wear; `distance_m`, slid until the frame.
         """
         begun = self.course.fitted(fitted, worn_m or 0.0, self._usual_load_n)
-        self._model = self._prepare(frame, data)
+        self._model = self._prepare(frame)
         result = self._follow(frame, self._model, begun)
-        unsure = len(self._model.keys) > len(self.keys)
-        if unsure and (result is None or not self._model.tells_past(result)):
-            self._model.hold_past()
+        if len(self._model.keys) > len(self.keys) and self._model.holds_past(result):
             result = self._follow(frame, self._model, begun if result is None else result.values)
         shown = result is not None and result.chi <= _LOST * max(1.0, chi)
         if shown or self.scene.wear is None or not self.course.begun:
             return result
         # what the frame shows alone, but not on the scar so far: that scar is not the block's
+        self._restart(distance_m)
+        return self._begin_at(frame, fitted, chi, worn_m, distance_m)
+
+    def _restart(self, distance_m: float | None) -> None:
+        """Let the contact be worn anew until a frame."""
         self.course = WornCourse(self.scene, self.keys)
         self.course.at(distance_m)
-        return self._begin_at(frame, data, fitted, chi, worn_m, distance_m)
 
     def _data(self, frame: Frame, noise: NoiseModel | None = None) -> FrameData:
         depth, no_load = self._bit_depth, self._no_load
@@ -478,11 +378,11 @@ class Tracker:
             prepare_frame(frame, self.scene, bit_depth=depth, no_load=no_load, noise=noise)
         )
 
-    def _prepare(self, frame: Frame, data: FrameData) -> TrackedModel:
+    def _prepare(self, frame: Frame) -> TrackedModel:
         """What all frames have in common, from one that is whole."""
-        noise = estimate_noise(frame.image, data.valid, bit_depth=self._bit_depth)
+        noise = estimate_noise(frame.image, frame.mask, bit_depth=self._bit_depth)
         return TrackedModel(
-            self.course, data, noise=noise, full=full_scale(self._bit_depth),
+            self.course, self._data(frame, noise), noise=noise, full=full_scale(self._bit_depth),
             held=self._apparatus.keys, usual_load_n=self._usual_load_n,
         )  # fmt: skip
 

@@ -28,11 +28,10 @@ from isochrome.contact import (
     wear_rate,
     worn_states,
 )
-from isochrome.errors import PhysicsError
+from isochrome.errors import InputError, PhysicsError
 from isochrome.fitting.arrays import Array
 from isochrome.fitting.frame.single_state import is_held, with_numerics, with_part
 from isochrome.fitting.frame.unknowns import FRICTION, LEFT, LOAD, TOP, WEAR
-from isochrome.fitting.frame_set import refuse_untracked
 from isochrome.fitting.joint.frame_sequence import local_values
 from isochrome.scene import DistanceTable, Scene
 from isochrome.simulation import SceneState, scene_states
@@ -67,7 +66,13 @@ class WornCourse:
 
     def __init__(self, scene: Scene, tracked: tuple[str, ...]) -> None:
         """`scene`, placed in its picture. Raises InputError for what cannot be tracked."""
-        refuse_untracked(scene, tracked, TRACKED)
+        if not scene.is_contact:
+            raise InputError("cannot_tracked_only_contacts", model=scene.model)
+        if unknown := [key for key in tracked if key not in TRACKED]:
+            known = ", ".join(TRACKED)
+            raise InputError("cannot_tracked_video_frames", key=unknown[0], known=known)
+        if scene.friction and scene.friction.static_state_first:
+            raise InputError("friction_static_state_first_true_tracked")
         self.scene, self.tracked = scene, tracked
         self.past: tuple[Array, Array] | None = None
         self._by_past: dict[str, Array] = {}  # worn depth (n,) by each of those loads

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import ExitStack
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,7 +18,6 @@ from isochrome.frames import (
     Linear,
     estimate_noise,
     load_no_load,
-    open_scene_frames,
     to_linear,
 )
 from isochrome.fringes import ColourReading, read_colour, read_table, spectral_table
@@ -34,7 +31,7 @@ from isochrome.specimens import specimen_model
 from isochrome.stress import pixel_grid
 
 if TYPE_CHECKING:
-    from isochrome.processing.frame_task import FrameSource
+    pass
 
 Array = NDArray[Any]
 
@@ -42,6 +39,8 @@ Array = NDArray[Any]
 @dataclass(frozen=True, kw_only=True)
 class ColourLight(FrameKind):
     """Frames in light of several wavelengths, whose colours tell the order."""
+
+    channels = CHANNELS
 
     def check(self, scene: Scene) -> None:
         """Refuse frames that do not tell colours. Raises InputError."""
@@ -71,18 +70,6 @@ class ColourLight(FrameKind):
         table = spectral_table(scene.polariscope, camera_response(camera, path))
         return Capture(reader.bit_depth, dark, bright, table)
 
-    def captured(self, source: FrameSource, start: int) -> Iterator[list[Frame]]:
-        """The channels of one frame after another."""
-        path, scene = source.task.frames, source.task.scene
-        with ExitStack() as opened:
-            readers = [
-                opened.enter_context(
-                    open_scene_frames(path, scene.with_values({"frames.channel": name}))
-                )
-                for name in CHANNELS
-            ]
-            yield from map(list, islice(zip(*readers, strict=True), start, None))
-
     def read(self, frames: Sequence[Frame], scene: Scene, capture: Capture) -> ProcessedFrame:
         """The order that the colours tell; a model of the scene is not used."""
         light, valid, sigma = _stacked(frames, scene, capture)
@@ -91,7 +78,11 @@ class ColourLight(FrameKind):
         for part in (capture.dark, capture.bright):
             valid = valid & part.valid if part else valid
         low, high = (part.image if part else None for part in (capture.dark, capture.bright))
-        body, table = _specimen(scene, first), capture.table
+        camera, body, table = scene.camera, first.mask, capture.table
+        if scene.indenter is not None and camera is not None and camera.pixel_mm is not None:
+            rows, cols = first.image.shape
+            below = specimen_model(scene).inside(pixel_grid(scene, (rows, cols)))
+            body = np.broadcast_to(below, (rows, cols)) & (body is None or body)
         try:
             result = read_colour(
                 light, table, sigma=sigma, dark=low, bright=high, valid=valid, specimen=body
@@ -140,16 +131,6 @@ def _stacked(
         valid.append(linear.valid)
         sigma.append(noise.linear_sigma(level, bit_depth=bit_depth, gamma=gamma))
     return np.stack(light, axis=-1), np.stack(valid, axis=-1), np.stack(sigma, axis=-1)
-
-
-def _specimen(scene: Scene, frame: Frame) -> NDArray[np.bool_] | None:
-    """The frame's mask, and of a contact what lies below the scene's surface; None for all else."""
-    camera, mask = scene.camera, frame.mask
-    if scene.indenter is None or camera is None or camera.pixel_mm is None:
-        return mask
-    pixels = pixel_grid(scene, (frame.image.shape[0], frame.image.shape[1]))
-    below = np.broadcast_to(specimen_model(scene).inside(pixels), frame.image.shape[:2])
-    return below & (mask is None or mask)
 
 
 def _warnings(reading: ColourReading) -> tuple[str, ...]:

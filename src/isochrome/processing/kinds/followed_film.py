@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
-from functools import partial
 from time import monotonic
 from typing import TYPE_CHECKING, Any
 
@@ -96,9 +95,11 @@ class FilmData:
         clipped = joined_pixels(frame.image >= self.clipped, self.by)
         return np.asarray(self.material & (clipped < np.float32(0.5 / self.by**2)))
 
-    def joined(self, frame: Frame) -> tuple[Array, Mask]:
-        """Light on blocks, and where none of a block's pixels is clipped or beside the specimen."""
-        return joined_pixels(self.light(frame), self.by), self.unclipped(frame)
+    def lights(self, frames: Frames) -> Iterator[tuple[Frame, Array, Mask, float]]:
+        """Frames with their light on blocks, where it can be trusted, and their time."""
+        for index, (frame, *_) in frames:
+            light = joined_pixels(self.light(frame), self.by)
+            yield frame, light, self.unclipped(frame), film_time(frame, index)
 
     def take_noise(self, frame: Frame) -> None:
         """Take the noise of a frame, if it has more contrast than those before, and its plateau."""
@@ -141,9 +142,17 @@ class Film(ImageOnly):
     def shared(
         self, source: FrameSource, count: int, progress: RunProgress | None, *, on_disk: bool
     ) -> FrameKind:
-        """What one pass or two over all frames tell."""
-        again = partial(_reported, partial(source.captured, 0, count), count, progress)
-        return self.followed(source, again, count)
+        """What one pass or two over all frames tell, which is told of where it takes seconds."""
+
+        def captured() -> Frames:
+            last = monotonic()
+            for index, frames in source.captured(0, count):
+                if progress is not None and monotonic() - last >= STAGE_EVERY_S:
+                    last = monotonic()
+                    progress(Tally(index, count, 0, 0, stage="following the fringes"))
+                yield index, frames
+
+        return self.followed(source, captured, count)
 
     def followed(self, source: FrameSource, captured: Captured, count: int) -> FrameKind:
         """The film as it is followed through its `count` frames.
@@ -216,16 +225,6 @@ class Film(ImageOnly):
         return tuple(notes)
 
 
-def _reported(captured: Callable[[], Frames], count: int, progress: RunProgress | None) -> Frames:
-    """Frames of a pass over a film, which is told of where it takes some seconds."""
-    last = monotonic()
-    for index, frames in captured():
-        if progress is not None and monotonic() - last >= STAGE_EVERY_S:
-            last = monotonic()
-            progress(Tally(index, count, 0, 0, stage="following the fringes"))
-        yield index, frames
-
-
 def not_followed(start: int) -> str:
     """What to say of a film that is lost before a frame `start`."""
     return message(
@@ -288,14 +287,11 @@ class UnloadedFilm(Film):
             surface = top.surface(data.material) if given is None else joined_pixels(given, data.by)
         except InputError as error:
             raise PhysicsError(f"{scene.name}: " + error.message) from error
-        none = np.zeros_like(surface)
-        guide = FilmLight(
-            zero=below, illumination=surface, error=none, zero_error=none, sign=data.sign
-        )
+        guide = FilmLight(zero=below, illumination=surface, sign=data.sign)
         if rough:  # the first frame's own noise is in all differences from it
             data.between *= float(np.sqrt(2.0))
         path = data.path(unloaded_state(data.material, film_time(first, 0)), guide, count)
-        path.follow((*data.joined(frames[0]), film_time(frames[0], k)) for k, frames in captured())
+        path.follow(data.lights(captured()))
         light, notes = _final_light(path, data, zero, given, scene)
         path.light = light.joined(data.by)
         return replace(self, data=data, path=path, light=light, notes=notes)
@@ -314,8 +310,8 @@ def _final_light(
         raise PhysicsError(
             FEW_ORDERS, name=scene.name, highest=path.highest, least_order=LEAST_ORDER
         )
-    none = np.zeros(shape, dtype=np.float32)
-    level, error, notes = given, none, tuple[str, ...]()
+    error: Array | float = 0.0
+    level, notes = given, tuple[str, ...]()
     if crests_tell:
         result, spread = path.crests.illumination(shape)
         scale = 1.0 if given is None else float(np.median((result / given)[data.valid]))
@@ -323,8 +319,7 @@ def _final_light(
             level, error = result, spread
             notes = (message(OWN_CRESTS) if given is None else message(OTHER_LIGHT, scale=scale),)
     assert level is not None
-    light = FilmLight(zero=zero, illumination=level, error=error, zero_error=none, sign=data.sign)
-    return light, notes
+    return FilmLight(zero=zero, illumination=level, error=error, sign=data.sign), notes
 
 
 _MOST_BREAKS = 0.5
@@ -373,21 +368,14 @@ class KeyedFilm(Film):
         )
         start = joined_reading(key_frame.reading, data.by, film_time(first, begin))
         path = data.path(start, light.joined(data.by), count, begin)
-        last: list[tuple[int, Frame]] = []
 
-        def key() -> FilmState | None:
-            index, frame = last[0]
-            result: ProcessedFrame = read_alone(frame, scene, capture)[0]
-            if result.reading is None or not _is_read(result):
+        def key(frame: Frame, time: float) -> FilmState | None:
+            reading = read_alone(frame, scene, capture)[0].reading
+            if reading is None or not np.isfinite(reading.order).any():
                 return None
-            return joined_reading(result.reading, data.by, film_time(frame, index))
+            return joined_reading(reading, data.by, time)
 
-        def frames() -> Iterator[tuple[Array, Mask, float]]:
-            for index, (frame, *_) in captured():
-                last[:] = [(index, frame)]
-                yield (*data.joined(frame), film_time(frame, index))
-
-        path.follow(frames(), key, self.key_every)
+        path.follow(data.lights(captured()), key, self.key_every)
         breaks, steps = len(path.lost) - (begin > 0), count - 1 - begin
         if breaks > _MOST_BREAKS * steps:
             raise PhysicsError(
@@ -407,12 +395,8 @@ def _first_key(
         if index % max(1, count // _TRIED):
             continue
         key_frame, ends = read_alone(frame, scene, capture)
-        if ends is not None and _is_read(key_frame):
+        reading = key_frame.reading
+        if ends is not None and reading is not None and np.isfinite(reading.order).any():
             return index, frame, key_frame, ends
         why = why or SEPARATOR.join(key_frame.warnings)
     raise PhysicsError("no_order_in_first_frames", name=scene.name, why=why)
-
-
-def _is_read(frame: ProcessedFrame) -> bool:
-    """Whether any order of a frame is known."""
-    return frame.reading is not None and bool(np.isfinite(frame.reading.order).any())

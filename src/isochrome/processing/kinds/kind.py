@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
-from itertools import islice
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from isochrome.errors import InputError
@@ -90,6 +89,9 @@ class FrameKind:
     note: str = ""
     as_stated: bool = False
 
+    channels: ClassVar[tuple[str, ...]] = ()
+    """Those that are read of each frame, where there are several."""
+
     draws_lines: ClassVar[bool] = True
     """Whether fringe lines are kept of frames without a fit, though nobody asks for them."""
 
@@ -126,13 +128,6 @@ class FrameKind:
     def held(self, scene: Scene) -> Scene:
         """The scene with what all frames have in common."""
         return scene
-
-    def captured(self, source: FrameSource, start: int) -> Iterator[list[Frame]]:
-        """The frames of one state after another, from state `start` on."""
-        steps = source.task.steps
-        frames = source.reader.iterate(start * steps)
-        while len(together := list(islice(frames, steps))) == steps:
-            yield together
 
     def states(self, source: FrameSource, start: int, stop: int) -> Iterator[ProcessedFrame]:
         """What is read in the states [start, stop). Raises InputError, PhysicsError."""

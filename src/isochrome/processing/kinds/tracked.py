@@ -6,6 +6,7 @@ model, by the same reading as of a frame that is processed by itself.
 
 import math
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,12 +16,11 @@ from isochrome.errors import InputError, IsochromeError, PhysicsError
 from isochrome.fitting import (
     GAMMA,
     SMOOTH_KEYS,
+    FrameFit,
     Tracked,
     Tracker,
-    VainSearch,
     find_apparatus,
     free_keys,
-    nothing_found,
     placed,
     scene_at,
     slid_until,
@@ -41,7 +41,6 @@ from isochrome.processing.result import (
     SPREAD,
     WHOLE,
     ProcessedFrame,
-    failed_frame,
     frame_fields,
     row_of_set,
     value_columns,
@@ -151,8 +150,9 @@ class TrackedFilm(WithModel):
             if index % self.key_step == 0:
                 key = source.processed(index, frames)
                 surface_field_grid.cache_clear()  # of its own place, as large as ten pictures
-                track = KeyFrames(source, self)
-                track.begin(frame, key)
+                track = KeyFrames(source, self, key)
+                if not key.failed:
+                    track.track(frame)
                 yield key
             else:
                 yield track.follow(frame)
@@ -218,48 +218,34 @@ def order_step(scene: Scene, shape: tuple[int, int]) -> float:
 
 
 class KeyFrames:
-    """The frames from one key frame to the next."""
+    """The frames from one key frame to the next, each followed from the one before."""
 
-    def __init__(self, source: FrameSource, kind: TrackedFilm) -> None:
-        """`source`, where frames are processed wholly too."""
-        self.source, self.capture, self.kind = source, source.capture, kind
+    def __init__(self, source: FrameSource, kind: TrackedFilm, key: ProcessedFrame) -> None:
+        """`source`, where frames are processed wholly too, as the first, `key`, was."""
+        self.source, self.kind, self._alone = source, kind, key
+        capture = source.capture
         given = source.task.scene if kind.apparatus is None else kind.apparatus.scene
         self.scene = placed(sliding_scene(given), source.reader.shape)
         self.keys = free_keys(self.scene)
-        self._tracker: Tracker | None = None
-        self._vain = VainSearch(source.capture.bit_depth)
-
-    def begin(self, frame: Frame, complete: ProcessedFrame) -> Tracked:
-        """Start the track where the fit of a wholly processed frame ended, if it told values."""
-        if not complete.has_values:
-            if not complete.failed:
-                self._vain.remember(frame)
-            return nothing_found(len(self.keys))
-        assert complete.fit is not None
-        # what is not tracked, as an unknown gamma or a smooth stress, stays as the key frame says
-        fit, keys = complete.fit, (GAMMA, *SMOOTH_KEYS)
-        values = {
-            name: float(value)
-            for name, value in zip(fit.keys, fit.values, strict=True)
-            if name in keys or isinstance(self.scene.get(name), int | float)
-        }
         self._tracker = Tracker(
-            self.scene.with_values(values), self.keys, bit_depth=self.capture.bit_depth,
-            no_load=(self.capture.dark, self.capture.bright), apparatus=self.kind.apparatus,
-            usual_load_n=self.scene.load_at(0.0),
+            self.scene, self.keys, bit_depth=capture.bit_depth,
+            no_load=(capture.dark, capture.bright), apparatus=kind.apparatus, alone=self._whole,
         )  # fmt: skip
-        return self._tracker.begin(frame, fit.scene, fit.chi, slid_until(self.scene, frame))
+
+    def track(self, frame: Frame) -> Tracked:
+        """The values of the next frame. Raises InputError, PhysicsError."""
+        return self._tracker.track(frame, slid_until(self.scene, frame))
 
     def follow(self, frame: Frame) -> ProcessedFrame:
         """One frame more. Raises InputError, PhysicsError."""
         label, distance = place_of(self.source.task.scene, frame)
         fields = frame_fields(frame, self.scene) | {"label": label, "distance_m": distance}
         try:
-            tracked = self._tracked(frame)
+            tracked = self.track(frame)
             columns: dict[str, Any] = value_columns(
                 self.keys, tracked.values, tracked.standard_uncertainty
             )
-            if np.isfinite(tracked.values).any():
+            if tracked.positive:
                 columns[FOUND_BY] = SEARCHED if tracked.searched else FOLLOWED
             result = ProcessedFrame(
                 **fields, chi=tracked.chi, columns=columns, warnings=tracked.warnings
@@ -271,27 +257,29 @@ class KeyFrames:
                 raise
             return ProcessedFrame(**fields, warnings=(str(error),), failed=True)
 
-    def _tracked(self, frame: Frame) -> Tracked:
-        """The tracked values; where there is no track yet, it begins with the whole frame.
+    def _whole(self, frame: Frame) -> tuple[Scene, FrameFit] | None:
+        """A frame processed wholly; the track begins where its fit ended, if it told values.
 
-        What is not tracked, as an unknown gamma or a smooth stress, a whole frame alone tells.
+        What is not tracked, as an unknown gamma or a smooth stress, such a frame alone tells.
         """
-        if self._tracker is not None:
-            return self._tracker.track(frame, slid_until(self.scene, frame))
-        if self._vain.is_repeated(frame):
-            return nothing_found(len(self.keys))
-        try:  # as if it were a key frame; nothing where the physics is refused
-            complete = self.source.processed(frame.index, [frame])
-        except PhysicsError as error:
-            complete = replace(failed_frame(frame, str(error)), failed=False)
-        return self.begin(frame, complete)
+        if self._alone.index != frame.index:  # as if it were a key frame
+            with suppress(PhysicsError):
+                self._alone = self.source.processed(frame.index, [frame])
+        fit = self._alone.fit
+        if fit is None or self._alone.index != frame.index or not self._alone.has_values:
+            return None
+        values = {
+            name: float(value)
+            for name, value in zip(fit.keys, fit.values, strict=True)
+            if name in (GAMMA, *SMOOTH_KEYS) or isinstance(self.scene.get(name), int | float)
+        }
+        return self.scene.with_values(values), fit
 
     def _with_map(self, item: ProcessedFrame, frame: Frame) -> ProcessedFrame:
         """A followed frame with its orders, read on the branches of the followed model.
 
         Raises InputError, PhysicsError.
         """
-        assert self._tracker is not None
         data, model, scene = self._tracker.model_frame(frame)
         reading, noise, lost = read_frame(frame, data, model, chi=item.chi, positive=True)
         if lost:
