@@ -82,9 +82,9 @@ if TYPE_CHECKING:
     from PIL import Image
 
     from isochrome.processing.processed import Processed
-    from isochrome.runs import RunDataset, StoredArrays
+    from isochrome.runs import RunDataset, StoredArray
 
-    Kept = RunDataset | StoredArrays
+    Kept = RunDataset | dict[str, StoredArray]
     """What maps are drawn from: a run's dataset, or results that are being finished."""
 
 _MOST_LINES = 12

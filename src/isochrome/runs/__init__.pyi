@@ -39,7 +39,7 @@ from .maps import RunArray, RunDataset
 from .store import (
     WORKING,
     Column,
-    StoredArrays,
+    StoredArray,
     add_columns,
     attributes,
     checked_store,
@@ -51,6 +51,7 @@ from .store import (
     make_dataset,
     named_units,
     open_run,
+    stored_arrays,
     texts,
     write_stack,
 )
@@ -82,7 +83,7 @@ __all__ = [
     "RunLayout",
     "RunOptions",
     "Stopped",
-    "StoredArrays",
+    "StoredArray",
     "Verified",
     "WorkersLost",
     "add_columns",
@@ -114,6 +115,7 @@ __all__ = [
     "run_job",
     "seal",
     "single_threaded",
+    "stored_arrays",
     "texts",
     "trim_heap",
     "verify",

@@ -1,13 +1,8 @@
 """A long run: chunk after chunk, each kept when it is done; after a crash, it resumes there.
 
-The working folder beside an output: what is finished of a run, until all of it is.
-
 DIR.partial holds the manifest (what the run is a result of), the records of its finished chunks,
-and, in a folder of its own, the files that become DIR. It goes when DIR is there.
-
-One run at a time on one output: a lock that the system opens when its process dies.
-
-The end of a run: its results take their place, and what was there before goes, or stays.
+and, in a folder of its own, the files that become DIR. It goes when DIR is there. One run works on
+an output at a time: a lock that the system opens when its process dies.
 """
 
 from __future__ import annotations
@@ -65,10 +60,7 @@ LOCK, OWNER = "lock", "owner.txt"
 
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Hold a folder for this process alone; it is made if need be, and removed when left empty.
-
-    Raises InputError.
-    """
+    """Hold a folder for this process alone; it is made if need be, and removed when left empty."""
     from filelock import FileLock, Timeout
 
     lock, made = None, not os.path.lexists(folder)
@@ -122,10 +114,7 @@ _GROUP = "group.json"
 
 
 def working_folder(out: Path) -> Path:
-    """Name the folder where a run keeps what it has of its output.
-
-    Returns the folder beside it. Raises InputError.
-    """
+    """The folder beside an output where a run keeps what it has of it."""
     try:
         check_link(out)
         target = out.resolve()
@@ -145,10 +134,7 @@ def working_folder(out: Path) -> Path:
 
 
 def faults_of(target: Path, identity: Mapping[str, Any]) -> dict[str, str] | None:
-    """What is damaged of the results that a run of an identity has left, by a file's path.
-
-    None where the folder's record is of no such run, or is damaged itself.
-    """
+    """What is damaged of a run's results, by file; None where the record is of no such run."""
     known = None
     with suppress(InputError):
         known = integrity.read_record(target)
@@ -163,10 +149,7 @@ def holds_results(target: Path, identity: Mapping[str, Any]) -> bool:
 
 
 def take_back(run: RunFolder, target: Path) -> None:
-    """Take chunks that are left of damaged results back to work, of which only the record is known.
-
-    Whether they are whole is looked at as in any run that goes on. Raises OSError.
-    """
+    """Take chunks that are left of damaged results back to work, where they are looked at anew."""
     placed = replace(run, results=target)
     for index in range(run.layout.chunks if run.layout.store else 0):
         record = None if run.record_file(index).exists() else read_record_of(placed, index)
@@ -182,10 +165,7 @@ def take_back(run: RunFolder, target: Path) -> None:
 
 
 def open_run_folder(root: Path, job: Job, *, restart: bool) -> RunFolder:
-    """The working folder of a run: as an earlier one of the same identity left it, or a new one.
-
-    The `root` is locked. Raises InputError where an earlier run was of something else, OSError.
-    """
+    """The working folder of a run: as an earlier one of the same identity left it, or a new one."""
     manifest = None if restart else _manifest(root)
     if manifest is not None:
         changed = difference(manifest["identity"], job.identity)
@@ -201,7 +181,19 @@ def open_run_folder(root: Path, job: Job, *, restart: bool) -> RunFolder:
             clear_up(run)
             return run
     wipe(root)
-    return _new(root, job)
+    token = f"results-{secrets.token_hex(4)}"  # a dead run's last worker finds its folder gone
+    results, layout = root / token, job.layout
+    check_room(root, layout, layout.count)
+    run = RunFolder(results, layout, identity_digest(job.identity))
+    results.mkdir()
+    run.records.mkdir()
+    if layout.store:
+        create_store(results / STORE, layout)
+        shutil.copyfile(results / STORE / "zarr.json", root / _GROUP)
+    sync_tree(root)
+    body = {"identity": dict(job.identity), "layout": _described(layout), "token": token}
+    integrity.write_checked(root / MANIFEST, body)
+    return run
 
 
 def has_run(root: Path) -> bool:
@@ -210,10 +202,7 @@ def has_run(root: Path) -> bool:
 
 
 def wipe(root: Path) -> None:
-    """Remove all that is in a working folder but its lock.
-
-    Raises OSError.
-    """
+    """Remove all that is in a working folder but its lock."""
     for entry in sorted(root.iterdir(), key=lambda e: e.name != MANIFEST):
         if entry.name not in (LOCK, OWNER):
             integrity.remove(entry)
@@ -234,24 +223,8 @@ def _described(layout: RunLayout) -> Any:
     return json.loads(json.dumps(asdict(layout)))
 
 
-def _new(root: Path, job: Job) -> RunFolder:
-    token = f"results-{secrets.token_hex(4)}"  # a dead run's last worker finds its folder gone
-    results, layout = root / token, job.layout
-    check_room(root, layout, layout.count)
-    run = RunFolder(results, layout, identity_digest(job.identity))
-    results.mkdir()
-    run.records.mkdir()
-    if layout.store:
-        create_store(results / STORE, layout)
-        shutil.copyfile(results / STORE / "zarr.json", root / _GROUP)
-    sync_tree(root)
-    body = {"identity": dict(job.identity), "layout": _described(layout), "token": token}
-    integrity.write_checked(root / MANIFEST, body)
-    return run
-
-
 def clear_up(run: RunFolder) -> None:
-    """Remove what a killed run left half-written beside finished chunks. Raises OSError."""
+    """Remove what a killed run left half-written beside finished chunks."""
     layers = {layer.name for layer in run.layout.layers}
     store, keep = run.results / STORE, {STORE, RECORDS}
     for entry in [*run.results.iterdir(), *(store.iterdir() if run.layout.store else ())]:
@@ -288,7 +261,7 @@ def is_finished(run: RunFolder) -> bool:
 
 
 def sync_tree(folder: Path) -> None:
-    """Put all files and names below a folder through to the disk. Raises OSError."""
+    """Put all files and names below a folder through to the disk."""
     for path, _, files in os.walk(folder):
         for name in files:
             with open(os.path.join(path, name), "rb+") as file:
@@ -299,7 +272,7 @@ def sync_tree(folder: Path) -> None:
 def publish(run: RunFolder, target: Path) -> None:
     """Give finished results their place: by one rename, or file by file into an existing folder.
 
-    Killed in between, the next run goes on with it. Raises OSError.
+    Killed in between, the next run goes on with it.
     """
     root = run.root
     if not is_finished(run):
@@ -320,7 +293,7 @@ def publish(run: RunFolder, target: Path) -> None:
 
 def check_own(target: Path, names: Iterable[str]) -> None:
     """Refuse to replace files that no run has left, such as a scene that somebody wrote."""
-    outputs = _outputs(_record(target))
+    _, outputs = _record(target)
     known = {name.partition("/")[0] for name in outputs} | {integrity.PROVENANCE}
     known |= {STORE, integrity.REPORT} if outputs else set()  # of an earlier version too
     if not outputs:  # a run may have left its results, and nobody knows any more which these are
@@ -339,18 +312,14 @@ def check_own(target: Path, names: Iterable[str]) -> None:
             )
 
 
-def _record(target: Path) -> Mapping[str, Any]:
-    """What an earlier run has left to say of itself; nothing where it cannot be read."""
+def _record(target: Path) -> tuple[Mapping[str, Any], list[str]]:
+    """An earlier run's record and, by it, its files; nothing where it cannot be read."""
     known = None
     with suppress(InputError):
         known = integrity.read_record(target)
-    return {} if known is None else known.record
-
-
-def _outputs(record: Mapping[str, Any]) -> list[str]:
-    """The files of an earlier run, by its record."""
+    record = {} if known is None else known.record
     outputs = record.get("outputs")
-    return list(outputs) if isinstance(outputs, dict) else []
+    return record, list(outputs) if isinstance(outputs, dict) else []
 
 
 def _clear_old(results: Path, target: Path) -> None:
@@ -359,8 +328,7 @@ def _clear_old(results: Path, target: Path) -> None:
     Else they would pass for results of the new one. What is left of the record are the names of
     all that runs have made there: should this one be killed here, the next knows them.
     """
-    record = _record(target)
-    outputs = _outputs(record)
+    record, outputs = _record(target)
     names = sorted({*outputs, *(entry.name for entry in results.iterdir())})
     placing = {"placing": results.name, "outputs": dict.fromkeys(names, 0)}
     integrity.write_through(target / integrity.PROVENANCE, json.dumps(placing).encode())
@@ -434,14 +402,12 @@ def run_job(
     What is finished is kept in OUT.partial. The same call goes on with it, and ends with the same
     bytes as if nothing had happened. `finish` makes the rest of the files in `run.results` when all
     chunks are there. Returns what it returns, None where the folder holds all results already.
-    Raises InputError, and whatever the job raises.
     """
     options = options or RunOptions()
     keep_steady()
-    _check_workers(job, options)
     root = working_folder(Path(out))
     target, stamps = Path(out).resolve(), stamps_of(job.identity)
-    check_apart(stamps, target)
+    _check_call(job, options, stamps, target)
     with locked(root):
         faults = None if options.restart else faults_of(target, job.identity)
         if faults == {}:
@@ -467,24 +433,35 @@ def run_job(
                 except PhysicsError:  # as these frames and this scene would end again
                     state.fresh, state.done = True, 0
                     raise
-                check_unchanged(stamps, stamps_of(job.identity))
-                _leave_record(run, job)
+                _leave_record(run, job, stamps)
             state.done = job.layout.count
             publish(run, target)
             wipe(root)
             return result
 
 
-def _check_workers(job: Job, options: RunOptions) -> None:
-    """Refuse no worker at all, and several where one process has to do all. Raises InputError."""
+def _check_call(job: Job, options: RunOptions, stamps: Stamps, target: Path) -> None:
+    """Refuse no worker, several where one has to do all, and an output among the input files."""
     if options.workers is not None and options.workers < 1:
         raise InputError("workers_give_more", workers=options.workers)
     if job.in_turn and (options.cluster is not None or (options.workers or 1) > 1):
         raise InputError("workers_cluster_each_frame")
+    if inside := [file for file in stamps if file.resolve().parent == target]:
+        raise InputError("lies_folder_where_results", inside=inside[0], target=target)
 
 
-def _leave_record(run: RunFolder, job: Job) -> None:
-    """Write down what the results are of, and which they are: last, when all others are there."""
+def _leave_record(run: RunFolder, job: Job, before: Stamps) -> None:
+    """Write down what the results are of, and which they are: last, when all others are there.
+
+    Results of input that was changed while it was read are refused; a file that is no longer there
+    was read before, or its reader has said that it was not.
+    """
+    for file, now in stamps_of(job.identity).items():
+        stamp = before.get(file, now)
+        if now != stamp:
+            raise InputError(
+                "changed_while_read_bytes_before", file=file, stamp=stamp[0], now=now[0]
+            )
     known = {  # checksums that need not be read from the files again
         run.chunk_file(name, index).relative_to(run.results).as_posix(): checksum
         for index in range(run.layout.chunks if run.layout.layers else 0)
@@ -495,10 +472,7 @@ def _leave_record(run: RunFolder, job: Job) -> None:
 
 @dataclass
 class _State:
-    """What is kept of a run: how many items are `done`.
-
-    `fresh`, whether the working folder holds nothing of an earlier run.
-    """
+    """Items of a run that are `done`; `fresh`: the folder holds nothing of an earlier run."""
 
     fresh: bool = False
     done: int = 0
@@ -602,25 +576,6 @@ def stamps_of(identity: Mapping[str, Any]) -> Stamps:
             state = file.stat()
             stamps[file] = state.st_size, state.st_mtime_ns
     return stamps
-
-
-def check_apart(stamps: Stamps, target: Path) -> None:
-    """Refuse an output folder with input files in it: the next run would read results as input."""
-    if inside := [file for file in stamps if file.resolve().parent == target]:
-        raise InputError("lies_folder_where_results", inside=inside[0], target=target)
-
-
-def check_unchanged(before: Stamps, after: Stamps) -> None:
-    """Refuse results of input that was changed while it was read. Raises InputError.
-
-    A file that is no longer there was read before, or its reader has said that it was not.
-    """
-    for file, now in after.items():
-        stamp = before.get(file, now)
-        if now != stamp:
-            raise InputError(
-                "changed_while_read_bytes_before", file=file, stamp=stamp[0], now=now[0]
-            )
 
 
 def one_by_one(job: Job, run: RunFolder) -> Work:

@@ -10,7 +10,7 @@ import os
 import shutil
 import stat
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -147,16 +147,6 @@ def sync_folder(folder: Path) -> None:
         os.fsync(handle)
     finally:
         os.close(handle)
-
-
-FileSum = Sequence[int]
-"""Bytes and checksum of a file."""
-
-
-def is_as_left(path: Path, expected: FileSum) -> bool:
-    """Whether a file is the one that was left: of another size, it is not read. Raises OSError."""
-    size, checksum = expected
-    return is_plain(path) and path.stat().st_size == size and file_sum(path) == checksum
 
 
 @dataclass(frozen=True)

@@ -135,27 +135,17 @@ def create_store(path: Path, layout: RunLayout) -> None:
         )
 
 
-class StoredArrays:
-    """The arrays of results that are being finished, by name; xarray would take a second to start.
+def stored_arrays(folder: Path) -> dict[str, StoredArray]:
+    """The arrays of results that are being finished, by name; xarray takes a second to start."""
+    import zarr
 
-    Parameters: `folder`, the results', whose store is whole.
-    """
-
-    def __init__(self, folder: Path) -> None:
-        import zarr
-
-        self._group = zarr.open_group(folder / STORE, mode="r", zarr_format=3)
-
-    def __contains__(self, name: str) -> bool:
-        return name in self._group
-
-    def __getitem__(self, name: str) -> StoredArray:
-        return StoredArray(self._group[name])
+    group = zarr.open_group(folder / STORE, mode="r", zarr_format=3)
+    return {name: StoredArray(array) for name, array in group.arrays()}
 
 
 @dataclass(frozen=True)
 class StoredArray:
-    """One of them, read as it is asked for; what is not known is NaN."""
+    """An array of a store, read as it is asked for; what is not known is NaN."""
 
     array: Any
 
@@ -186,7 +176,7 @@ def write_stack(
     All chunks are there; `view`, see `imagej_view`. Raises OSError, InputError.
     """
     items = run.layout.paged_items(layer)
-    pictures = StoredArrays(run.results)[layer.name].pictures(
+    pictures = stored_arrays(run.results)[layer.name].pictures(
         items if layer.compact is not None else range(len(items))
     )
     output.write_frames(
@@ -295,19 +285,13 @@ def texts(values: Iterable[Any]) -> NDArray[Any]:
 
 
 def named_units(name: str) -> dict[str, Any]:
-    """Give the unit that stands in a name as attributes of its column; none where none does."""
-    units = units_of(name)
-    return {} if units is None else {"units": units}
-
-
-def units_of(name: str) -> str | None:
-    """The unit that stands at the end of a key or column name, as netCDF spells it; or None."""
+    """The unit at the end of a name, as netCDF spells it, as its column's attributes."""
     stem = name.removesuffix(" standard_uncertainty").rsplit(".", 1)[-1]
     above, per, below = stem.partition("_per_")
     unit = _UNITS.get(above.rpartition("_")[2]) if "_" in above else None
-    if not per:
-        return unit
-    return f"{unit} {_UNITS[below]}-1" if unit and below in _UNITS else None
+    if per:
+        unit = f"{unit} {_UNITS[below]}-1" if unit and below in _UNITS else None
+    return {"units": unit} if unit else {}
 
 
 def column_values(variable: xarray.DataArray) -> list[Any]:
@@ -428,20 +412,12 @@ def read_store(store: Path, source: Any) -> xarray.Dataset:
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise InputError("cannot_read_run_command", store=store, reason=error) from error
     # what zarr cannot read, it leaves out; a group is what somebody else has put there
-    arrays = (file.parent.name for file in sorted(store.glob("*/zarr.json")) if not _is_group(file))
-    lost = [array for array in arrays if array not in dataset.variables]
+    files = (f for f in sorted(store.glob("*/zarr.json")) if b'"group"' not in f.read_bytes())
+    lost = [file.parent.name for file in files if file.parent.name not in dataset.variables]
     if lost and isinstance(source, Path):  # else what is not in the record is no part of it
         dataset.close()
         raise InputError("cannot_read_run_command_again", store=store, lost=lost[0])
     return dataset
-
-
-def _is_group(file: Path) -> bool:
-    """Whether a description is that of a group."""
-    try:
-        return bool(json.loads(file.read_bytes())["node_type"] == "group")
-    except (OSError, ValueError, KeyError, TypeError):
-        return False
 
 
 FORMATS = ("netcdf", "tiff", "csv", "excel")
@@ -493,7 +469,19 @@ def export(run: str | Path, to: str, out: str | Path | None = None) -> list[Path
     with open_store(place) as stored, output.staged(target) as folder:
         dataset = with_identifiers(stored)
         try:
-            files = _write(dataset, to, folder)
+            if to == "netcdf":
+                files = [_to_netcdf(dataset, folder / "run.nc")]
+            elif to == "tiff":
+                names = filter(lambda name: _is_picture(dataset[name]), dataset.data_vars)
+                files = [
+                    _to_tiff(dataset, name, folder / "imagej") for name in sorted(map(str, names))
+                ]
+            else:
+                table = _to_csv(dataset, folder / "run.csv")
+                files = [table]
+                if to == "excel":
+                    files = output.write_excel_copies(folder)
+                    table.unlink()
         except (ValueError, KeyError, TypeError, IndexError, RuntimeError) as error:
             if isinstance(error, InputError):
                 raise

@@ -134,7 +134,17 @@ def by_cluster(
     output they do not see. A chunk whose worker dies is given to another. Yields in the order of
     completion. Raises InputError where the cluster cannot be reached.
     """
-    with _client(address) as client:
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise NoCluster("cluster_needs_package_distributed") from error
+    try:
+        client = Client(address, timeout="10s", set_as_default=False)
+    except (OSError, ValueError, TimeoutError) as error:
+        raise NoCluster("cluster_no_dask_scheduler", address=address, error=error) from error
+    with client:
+        if not client.nthreads():
+            raise NoCluster("cluster_cluster_has_no", address=address)
         executor = client.get_executor(pure=False)
         everywhere = client.scatter(work, broadcast=True)
         ahead = 2 * max(1, sum(client.nthreads().values()))
@@ -182,16 +192,16 @@ _TASK: list[Any] = []
 
 def _start_worker(task: bytes) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends its workers itself
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+    def end_with_parent() -> None:
+        """Without this, workers of a killed parent would wait for work for ever."""
+        if (parent := multiprocessing.parent_process()) is not None:
+            parent.join()
+        os._exit(1)
+
+    threading.Thread(target=end_with_parent, daemon=True).start()
     keep_steady()
     _TASK[:] = pickle.loads(task) if task else ()
-
-
-def _end_with_parent() -> None:
-    """Without this, workers of a killed parent would wait for work for ever."""
-    if (parent := multiprocessing.parent_process()) is not None:
-        parent.join()
-    os._exit(1)
 
 
 def _alone_in_worker(index: int) -> ChunkRecord:
@@ -213,23 +223,6 @@ def _elsewhere(work: Work, span: tuple[int, int], expected: dict[str, Any]) -> R
         )  # fmt: skip
     with single_threaded():
         return work(*span)
-
-
-@contextmanager
-def _client(address: str) -> Iterator[Any]:
-    """A Dask client. Raises NoCluster where it is not installed, or nobody answers."""
-    try:
-        from distributed import Client
-    except ImportError as error:
-        raise NoCluster("cluster_needs_package_distributed") from error
-    try:
-        client = Client(address, timeout="10s", set_as_default=False)
-    except (OSError, ValueError, TimeoutError) as error:
-        raise NoCluster("cluster_no_dask_scheduler", address=address, error=error) from error
-    with client:
-        if not client.nthreads():
-            raise NoCluster("cluster_cluster_has_no", address=address)
-        yield client
 
 
 @contextmanager
