@@ -104,10 +104,7 @@ def _again(command: str) -> str:
 
 
 def _kind(place: Path) -> tuple[str, str]:
-    """The file by which a folder is known, and the command that left it.
-
-    Raises InputError where it holds no finished run of one.
-    """
+    """The file by which a finished run's folder is known, and the command that left it."""
     if not place.is_dir():
         raise InputError("no_such_folder_name", place=place, named=_NAMED)
     result = next((name for name in _NEEDED if (place / name).is_file()), None)

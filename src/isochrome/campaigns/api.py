@@ -1,9 +1,4 @@
-"""`process_campaign`: many recordings by one scene, each on its own, and a table of all.
-
-What became of one recording of a campaign: its folder, its row of the summary, its curves.
-
-The picture of a campaign: load and friction of each recording, and how they went in it.
-"""
+"""`process_campaign`: many recordings by one scene, each on its own, and a table of all."""
 
 from __future__ import annotations
 
@@ -51,8 +46,7 @@ def folder_names(recordings: Sequence[FramesPath]) -> tuple[str, ...]:
     """A folder's name for each recording: its file's without the ending, or its folder's.
 
     Names that are equal, but perhaps for capitals, get the name of the folder that they are in, and
-    where this does not help a number. Each is one plain name: it leads to no other folder, on
-    Windows neither.
+    where this does not help a number. Each is one plain name on every system.
     """
     firsts = (frames if isinstance(frames, str | Path) else frames[0] for frames in recordings)
     places = [Path(os.path.abspath(first)) for first in firsts]
@@ -107,10 +101,9 @@ class Task:
 class Outcome:
     """What became of a recording.
 
-    `row` of the summary; `inputs`, its files with their SHA-256; `exit_code`, 0, or the one that
-    `process` alone would have ended with; `already`, whether an earlier campaign had left it all;
-    `curves`, for the figure: `distance_m`, `frame`, and fitted keys with their uncertainties, of as
-    many frames as can be seen.
+    `row` of the summary; `inputs`, its files with their SHA-256; `exit_code`, as of `process`
+    alone; `already`, whether an earlier campaign had left it all; `curves`, for the figure:
+    `distance_m`, `frame`, fitted keys with their uncertainties, of as many frames as can be seen.
     """
 
     row: dict[str, Any]
@@ -123,9 +116,7 @@ class Outcome:
 def outcome_of(
     task: Task, scene: Scene, options: Mapping[str, Any], progress: RunProgress | None = None
 ) -> Outcome:
-    """Process one recording into its folder; what is wrong with it, NoCluster apart, becomes its
-    row.
-    """
+    """Process one recording into its folder; what is wrong with it, NoCluster apart, is its row."""
     try:
         if task.folder.is_symlink():
             raise InputError("symbolic_link_results_put", folder=task.folder)
@@ -217,8 +208,7 @@ def _hashes(frames: FramesPath) -> dict[str, str]:
 def run_side_by_side(
     tasks: Mapping[int, Task], scene: Scene, options: Mapping[str, Any], workers: int
 ) -> Generator[tuple[int, Outcome]]:
-    """Process recordings by their numbers in worker processes, each of which does one after the
-    other.
+    """Process recordings by their numbers in worker processes, each one after the other.
 
     Where a worker is killed, those that were in work then are done again, each by a worker of its
     own: what kills that too has failed, and the others go on.
@@ -268,10 +258,8 @@ _LETTERS = 22
 
 
 def summary_figure(name: str, outcomes: Sequence[Outcome]) -> Figure | None:
-    """Values over recordings, and within each over the distance, or the frames, with bands.
-
-    None where no recording has a fitted load or friction.
-    """
+    """Values over recordings, and within each over distance or frames; None where none was
+    fitted."""
     panels = _panels(outcomes, range(len(outcomes)))
     failed = sum(item.row["status"] == "failed" for item in outcomes)
     head = f"{figures.plain_name(name)}: {output.counted(len(outcomes), 'recording')}"
@@ -374,10 +362,7 @@ def summary_of(scene: Scene, outcomes: Sequence[Outcome]) -> dict[str, Any]:
 
 
 def write_summary(out: Path, scene: Scene, outcomes: Sequence[Outcome], beside: Path) -> None:
-    """Leave summary.csv, summary.json and, where a key was fitted that has one, summary.png.
-
-    They are made in a folder `beside` the results, on the same drive.
-    """
+    """Leave summary.csv, .json and, where a key was fitted, .png, by way of a folder `beside`."""
     folder = output.output_folder(out)
     table, summary, picture = SUMMARIES
     figure = summary_figure(scene.name, outcomes)
@@ -409,10 +394,7 @@ def check_summary(out: Path) -> None:
 
 
 CampaignProgress = Callable[[Tally, Tally | None], None]
-"""Called with the recordings' Tally, and that of the frames of the one in work.
-
-The second is None where none is, or several are.
-"""
+"""Called with the recordings' Tally, and that of the frames of the one in work, if it is one."""
 
 
 @dataclass(frozen=True, repr=False)

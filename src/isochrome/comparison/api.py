@@ -52,12 +52,9 @@ _LABEL_LENGTH = 26
 def side_by_side(
     experiment: ComparedFrames, simulation: ComparedFrames, metrics: Sequence[FrameMetrics]
 ) -> Figure:
-    """Draw captured and simulated fringe patterns beside each other, with their difference.
+    """Draw experiment, simulation and difference beside each other (the paper's Fig. 11).
 
-    Rows as in Figure 11 of the paper: experiment, simulation, experiment - simulation; one scale,
-    grey and difference range. The difference is the order's where both have one, else the signal's
-    after gain and offset (`compare_signals`). Of more than 8 frames evenly spaced ones are drawn,
-    as the foot says. Simulated dark fringes lie over the experiment.
+    Of more than 8 frames evenly spaced ones. Simulated dark fringes lie over the experiment.
     """
     pairs = frame_pairs(experiment, simulation)
     rows = tuple(evenly_spaced(range(len(pairs)), MOST_ROWS))
@@ -77,10 +74,7 @@ def side_by_side_panels(
     metrics: Sequence[FrameMetrics],
     frames: tuple[int, ...] | None,
 ) -> figures.PaperPanels:
-    """The same for a paper: one scale, one grey range and one difference range for all frames.
-
-    InputError where there is no pair of the numbers `frames`.
-    """
+    """The same for a paper: one scale, one grey range and one difference range for all frames."""
     pairs = frame_pairs(experiment, simulation)
     shown = figures.chosen_frames(
         frames, len(pairs), evenly_spaced(range(len(pairs)), _ROWS_FOR_PAPER)
@@ -467,10 +461,9 @@ def compare(
 
 
 def compared_again(record: Mapping[str, Any], name: str) -> reporting.ReportContent:
-    """The report of two sets that were compared before, of the sets as they are on disk.
+    """The report of two sets that were compared before, as they are on disk; `name`, the folder.
 
-    `record` is the comparison's provenance.json, `name` its folder in messages. InputError where
-    the sets were not files, are not there, or are others by now.
+    InputError where the sets were not files, are not there, or are others by now.
     """
     sets = record.get(_SETS)
     if not sets:

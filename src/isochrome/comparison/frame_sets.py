@@ -42,9 +42,8 @@ def skeleton_distance(
     """Mean distance between the fringe centre lines of two images; InputError where no line is.
 
     To the nearest line of the same kind (and order, where both know it); mean of both directions',
-    so that neither side's longer lines rule. A point without a partner within `reach_px` only
-    lowers `matched_share`: a missing line shows there alone. By default 20 px, about half the
-    distance of like fringes, or 100 with orders, as no line is taken for its neighbour there.
+    so that neither side's longer lines rule. A point without a partner within reach (half the
+    distance of like fringes, or more with orders) only lowers `matched_share`.
     """
     if not (len(experiment) or len(simulation)):
         raise InputError("no_fringe_line_either")
@@ -93,10 +92,9 @@ _SSIM_WINDOW = 7
 def compare_orders(experiment: ArrayLike, simulation: ArrayLike) -> Metrics:
     """Compare two maps (row, col) of the fringe order N, NaN = not known, where both are known.
 
-    d = N_experiment - N_simulation; rms = sqrt(mean d²); wrong branch: |d| > 0.25. The dark field,
-    sin²(pi N), has branches of half a fringe: inside the right one an arcsine errs by far less than
-    half of it, beyond it another is nearer. A pixel mirrored beside a branch's edge is not counted:
-    the share is a lower bound. InputError where the shapes differ or nothing is known in both.
+    d = N_experiment - N_simulation; rms = sqrt(mean d²); wrong branch: |d| > 0.25, half of a branch
+    of the dark field, sin²(pi N): a lower bound, as a pixel mirrored beside a branch's edge is not
+    counted.
     """
     measured, model, known = _paired(experiment, simulation, "fringe-order maps", "fringe order")
     difference = measured[known] - model[known]
@@ -117,8 +115,8 @@ def compare_signals(
 
     NCC = <(E - Ē)(S - S̄)>/(sd E sd S); RMSE = rms r, r = E - (gain S + offset) by least squares;
     over noise (a standard deviation) rms (r/noise), 1 if only noise is left. SSIM (7 x 7, E and
-    gain S + offset, windows wholly known, of a span of 1) is given as others report it: a
-    perfect model scores .893 on one noisy frame, one 1 % off in load .890. NaN: cannot be said.
+    gain S + offset, windows wholly known, of a span of 1) is given as others report it: a perfect
+    model scores .893 on one noisy frame, one 1 % off in load .890.
     """
     measured, model, known = _paired(experiment, simulation, "images", "signal")
     gain, offset = brightness_line(measured[known], model[known])
@@ -316,11 +314,7 @@ class FrameMetrics:
 
 
 def compare_frames(experiment: ComparedFrames, simulation: ComparedFrames) -> list[FrameMetrics]:
-    """Compare two sets frame by frame, an entry a pair; one frame is compared with every other one.
-
-    InputError where numbers, shapes or pixel scales do not fit together, or a pair has no pixel to
-    compare.
-    """
+    """Compare two sets frame by frame, an entry a pair, see `frame_pairs`."""
     pairs = frame_pairs(experiment, simulation)
     return [compare_pair(experiment, simulation, k, pair) for k, pair in enumerate(pairs)]
 
@@ -328,11 +322,8 @@ def compare_frames(experiment: ComparedFrames, simulation: ComparedFrames) -> li
 def compare_pair(
     experiment: ComparedFrames, simulation: ComparedFrames, index: int, pair: tuple[int, int]
 ) -> FrameMetrics:
-    """Compare the frames of a pair, see `frame_pairs`.
-
-    Lines for the skeleton distance come from the order maps where both sides have them, else from
-    the signals; only where both images are known.
-    """
+    """Compare a pair: its fringe lines are the order maps', or the signals', where both are
+    known."""
     i, j = pair
     label = (experiment if len(experiment) >= len(simulation) else simulation).label(index)
     measured, model = experiment.signal[i], simulation.signal[j]
@@ -354,10 +345,7 @@ def compare_pair(
 
 
 def frame_pairs(experiment: ComparedFrames, simulation: ComparedFrames) -> list[tuple[int, int]]:
-    """Indices (experiment, simulation) of each pair: one to one, or a set's single frame with all.
-
-    InputError where the sets do not fit.
-    """
+    """Indices (experiment, simulation) of each pair: one to one, or a single frame with all."""
     if experiment.signal.shape[1:] != simulation.signal.shape[1:]:
         raise InputError(
             "frames_shape_experiment_simulation", shape=experiment.signal.shape[1:],
@@ -394,9 +382,7 @@ def load_frame_set(given: SetToCompare) -> ComparedFrames:
     """Load frames (frame, row, col) to compare, as a signal of 0 to 1.
 
     Of a result, in memory or a folder: `normalised.tif` or `frames.tif`, `fringe_order.tif`, labels
-    of `frames.csv` or `history.csv`, place of `scene.toml`. Else bare frames without orders, as by
-    `open_frames`: of colours the scene's channel or that nearest its wavelength, whole numbers over
-    2^bits - 1. InputError where parts do not fit, or it is a phase-stepped set.
+    of `frames.csv` or `history.csv`, place of `scene.toml`. Else bare frames, as by `open_frames`.
     """
     if isinstance(given, ComparedFrames):
         return given
@@ -467,10 +453,8 @@ def _compared(
     simulated: bool,
     pixel_mm: float | None = None,
 ) -> ComparedFrames:
-    """A result's frames (frame, row, col[, channel]) as a signal of 0 to 1, with orders and place.
-
-    `table`, the columns of frames.csv or history.csv.
-    """
+    """A result's frames (frame, row, col[, channel]) as a signal of 0 to 1; `table`, of
+    frames.csv."""
     camera, steps = scene.camera or Camera(), scene.polariscope.frames_a_state
     signal = _one_channel(scaled(stack, camera.bit_depth), scene)
     if order is not None and steps > 1 and len(signal) == steps * len(order):
@@ -502,10 +486,7 @@ def _compared(
 
 
 def scaled(image: NDArray[Any], bit_depth: int | None = None) -> NDArray[np.floating]:
-    """Whole-number pixels over 2^bits - 1, as float32; floats as they are.
-
-    InputError where a count is beyond the bit depth, by default that of the array's type.
-    """
+    """Whole-number pixels over 2^bits - 1, as float32, and none beyond it; floats as they are."""
     if not np.issubdtype(image.dtype, np.integer):
         return image.astype(np.float32, copy=False)
     full = 2 ** (bit_depth or 8 * image.dtype.itemsize) - 1

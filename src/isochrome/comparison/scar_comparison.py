@@ -81,8 +81,7 @@ def simulated_scars(scene: Scene, distances_m: Sequence[float]) -> list[Simulate
     """Simulate a scene's scars, and how its stated uncertainties move them.
 
     Each input is moved by its standard uncertainty to both sides: dh = (h(+u) - h(-u))/2, which is
-    h's derivative times u to the second order. InputError where there is no wear, or an input less
-    its uncertainty is no value that it may have; PhysicsError where a contact cannot be solved.
+    h's derivative times u to the second order.
     """
     if scene.wear is None:
         raise InputError("has_no_wear_which", name=scene.name)
@@ -210,8 +209,8 @@ def pair_scar(trace: LevelledTrace, scar: SimulatedScar) -> ScarPair:
 
     With d = h_measured - h_simulated over n bins the shift is that of least dᵀ C_trace⁻¹ d, from
     the middles between both scars' edges: u_shift² = 1/(h'ᵀ C_trace⁻¹ h'), C = C_trace + Σ_inputs
-    δh δhᵀ + u_shift² h' h'ᵀ, chi² = dᵀ C⁻¹ d/n. A scar that is deeper or wider than the other stays
-    in the middle: h' is odd about it.
+    δh δhᵀ + u_shift² h' h'ᵀ, chi² = dᵀ C⁻¹ d/n. A deeper or wider scar stays in the middle: h' is
+    odd.
     """
     shift, spread = _aligned(trace, scar)
     x = trace.x_mm - shift
@@ -467,9 +466,8 @@ def compare_scars(
     """Set measured scars beside the simulated ones: depth over x, worn area, width, difference.
 
     Traces (of a scene, a `calibrate_wear` set, or files with their distances, m) are levelled on
-    their shoulders and moved onto the simulated scar by least squares. The band is the root sum of
-    squares of [h(+u) - h(-u)]/2 over the inputs: JCGM 100:2008 (GUM), 5.1. `out`: folder for
-    metrics.csv, scars.csv, provenance.json, scars.png. PhysicsError: no trace shows a scar.
+    their shoulders and moved onto the simulated scar. The band is the root sum of squares of [h(+u)
+    - h(-u)]/2 over the inputs: JCGM 100:2008 (GUM), 5.1. PhysicsError: no trace shows a scar.
     """
     files, listed = _traces(measured)
     if not isinstance(simulation, Scene) and Path(simulation).is_dir():  # what `simulate` left

@@ -153,10 +153,7 @@ class WithPanels(Protocol):
 def chosen_frames(
     frames: tuple[int, ...] | None, count: int, default: Sequence[int], *, items: str = "frames"
 ) -> list[int]:
-    """The numbers of the frames that a figure shows: those asked for, or the default ones.
-
-    `items` is what they are called. InputError where there is no such frame.
-    """
+    """The numbers of the frames that a figure shows, as asked for or the default ones."""
     if frames is None:
         return list(default)
     beyond = [k for k in frames if not 0 <= k < count]
@@ -205,9 +202,7 @@ def curve_columns(axes: Axes) -> dict[str, Array]:
 
 
 def _all_curves(axes: Axes) -> Iterator[tuple[str, str, str, Array, dict[str, Array]]]:
-    """Curves of Axes and of those over them with a second scale: name, what is across and up, x,
-    values.
-    """
+    """Curves of Axes and of those over them: name, what is across and up, x, values."""
     across = _plain(axes.get_xlabel()) or "x"
     others = [one for one in axes.get_shared_x_axes().get_siblings(axes) if one is not axes]
     for scale in (axes, *others):
@@ -321,10 +316,7 @@ def bar_label(length_mm: float) -> str:
 
 
 def add_scale_bar(axes: Axes) -> None:
-    """Draw a scale bar on a picture in mm, on a white ground that shows on any picture.
-
-    A picture in pixels gets none.
-    """
+    """Draw a scale bar on a picture in mm, on a white ground that shows on any picture."""
     from matplotlib.font_manager import FontProperties
     from mpl_toolkits.axes_grid1.anchored_artists import AnchoredSizeBar
 
@@ -414,11 +406,7 @@ def paper_figure(result: WithPanels, style: FigureStyle | None = None) -> Figure
 
 
 def figure_for_page(result: WithPanels, style: FigureStyle) -> tuple[Figure, tuple[str, ...]]:
-    """Draw `paper_figure`, and give the titles of the plots that have no room on the page.
-
-    What is taller than a page is laid out closer; its letters stay as large. InputError where the
-    result has no such picture or no such frame.
-    """
+    """Draw `paper_figure`, and give the titles of the plots that have no room on the page."""
     make = getattr(result, "panels", None)
     if make is None:
         raise InputError(
@@ -478,10 +466,7 @@ def _plot_rows(panels: PaperPanels, style: FigureStyle, plots: Sequence[Plot]) -
 def _plot_heights(
     panels: PaperPanels, style: FigureStyle, plots: Sequence[Plot], *, lowest: bool = False
 ) -> list[float]:
-    """Heights of the rows of plots with titles and labels, mm, and of the legend below them.
-
-    Lower in a column's figure; `lowest`, the least of each.
-    """
+    """Heights (mm) of the rows of plots with titles and labels, and of the legend below them."""
     share = 1.0 if style.width_mm >= _COLUMN_MM else 0.8
     heights = []
     for row in _plot_rows(panels, style, plots):

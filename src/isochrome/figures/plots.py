@@ -42,10 +42,8 @@ _FEW = 40
 
 
 def frame_axis(table: FrameValues) -> tuple[Array, str]:
-    """Where frames stand on an axis, and its label: at their distances (m) where they have several.
-
-    NaN for a frame that stands still among those that slide; else numbers.
-    """
+    """Where frames stand on an axis, and its label: at several distances (m; NaN: still), or
+    numbers."""
     known = table.distance_m[np.isfinite(table.distance_m)]
     if known.size and np.ptp(known) > 0.0:
         return table.distance_m, "sliding distance (m)"
@@ -95,9 +93,7 @@ def draw_course(
 
 
 def course_plot(title: str, across: str, place: Array, values: Array) -> Plot:
-    """A plot of values over places, of which `title` and `across` say what they are and in what
-    unit.
-    """
+    """A plot of values over places; `title` and `across` say what they are and in what unit."""
 
     def draw(axis: Axes) -> None:
         marker = "o" if len(values) <= _FEW else ""
@@ -166,9 +162,8 @@ def values_plots(table: FrameValues) -> list[Plot]:
 def budget_plot(title: str, parts: Mapping[str, float], *, unit: str) -> Plot:
     """An uncertainty budget as bars, the first on top, each with its share: a plot high enough.
 
-    Each input adds a standard uncertainty; none is drawn for those that add nothing. Small
-    contributions are drawn in a power of ten of the unit, for Matplotlib's own would stand in the
-    label's place.
+    Small contributions are drawn in a power of ten of the unit, for Matplotlib's own would stand in
+    the label's place.
     """
     parts = {name: part for name, part in parts.items() if part > 0.0 and np.isfinite(part)}
     tall = max(30.0, 5.0 * (len(parts) + 1))

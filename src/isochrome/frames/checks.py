@@ -1,16 +1,8 @@
-"""Frames among those to be processed that show the unloaded specimen.
+"""What is wrong with a set of frames, in plain words, before a long run: one pass, and findings.
 
-Two signs are looked at, on means over blocks of pixels: a frame is nearly the scene's no-load
-picture, or its light hardly swings where that of the frames beside it swings from fringe to fringe.
-A load that begins or ends at nought goes through few fringes, and is no such frame.
-
-One pass over the frames, and findings on their light.
-
-Depth, exposure, noise, and the no-load frames; and whether the set can be its scene's.
-
-What is wrong with a set of frames, in plain words, before a long run.
-
-The picture of a check: the light of each frame, and how much of it is saturated.
+Among them frames of the unloaded specimen, by means over blocks of pixels: a frame is nearly the
+scene's no-load picture, or its light hardly swings where that of the frames beside it swings from
+fringe to fringe. A load that begins or ends at nought goes through few fringes, and is none.
 """
 
 from __future__ import annotations
@@ -65,9 +57,9 @@ UNLOADED = "looks_like_unloaded_specimen"
 class LoadSigns:
     """What of each frame says whether its specimen is loaded.
 
-    `pictures`, the no-load frames by key as block means of their light; `span`, of that light, 0
-    where it is not known; for each frame `unlike`, how far it is from each picture, and `paths`,
-    how far its levels go up and down along its lines, at most and usually, in full scales.
+    `pictures`, the no-load frames as block means of their light; `span`, of that light, 0: not
+    known; of each frame `unlike`, how far it is from each picture, and `paths`, how far its levels
+    go up and down along its lines, at most and usually, in full scales.
     """
 
     pictures: dict[str, Array] = field(default_factory=dict)
@@ -87,11 +79,8 @@ class LoadSigns:
 
 
 def load_signs(reader: FrameReader, scene: Scene) -> LoadSigns | None:
-    """Begin to look for unloaded frames.
-
-    None where the scene says that the load changes, or that some frames have none, and for phase
-    steps and colours.
-    """
+    """Begin to look for unloaded frames; None where loads change, some have none, or for steps and
+    colours."""
     frames, load = scene.frames, scene.load
     changes = load is not None and not isinstance(load.normal_n, int | float)
     without = frames.starts_unloaded or frames.known_loads_n or scene.polariscope.tells_orders
@@ -113,8 +102,7 @@ def load_signs(reader: FrameReader, scene: Scene) -> LoadSigns | None:
 
 
 def _among_many(none: NDArray[np.bool_], many: NDArray[np.bool_]) -> list[int]:
-    """Runs of frames without fringes that have frames of many on both sides; at an end of the set,
-    two of them on the other."""
+    """Runs of frames without fringes between frames of many; at an end of the set, beside two."""
     runs: list[int] = []
     ends = np.flatnonzero(np.diff(np.concatenate([[False], none, [False]]).astype(int)))
     for start, stop in ends.reshape(-1, 2).tolist():
@@ -174,10 +162,7 @@ class Finding:
 
 @dataclass(kw_only=True)
 class Survey:
-    """Raw figures of each frame, in raw grey levels, and of all together.
-
-    Of the specimen's pixels, where the frames carry its mask.
-    """
+    """Raw figures of each frame, in grey levels, of the specimen's pixels; and of all together."""
 
     count: int = 0
     low: list[float] = field(default_factory=list)  # 2nd percentile
@@ -195,9 +180,7 @@ class Survey:
 
 
 def survey(reader: FrameReader, scene: Scene) -> Survey:
-    """Read all frames once, in memory that does not grow with their pixels; an InputError
-    ends it.
-    """
+    """Read all frames once, in memory that does not grow with them; an InputError ends it."""
     result, by_digest = Survey(load=load_signs(reader, scene)), dict[bytes, int]()
     full = linear.full_scale(reader.bit_depth)
     try:
@@ -248,9 +231,7 @@ def refusals(*looks: Callable[[], object]) -> Iterator[Finding]:
 
 
 def misfits(reader: FrameReader, scene: Scene, count: int | None) -> Iterator[tuple[str, str]]:
-    """What of a set cannot be its scene's (size, number of frames, known points): whose, and a
-    sentence.
-    """
+    """What of a set cannot be its scene's (size, count, known points): whose, and a sentence."""
     rows, cols = reader.shape
     wear, steps = scene.wear, scene.polariscope.frames_a_state
     each = count is not None and count % steps == 0
@@ -294,9 +275,7 @@ def _other_size(reader: FrameReader, camera: Camera) -> Iterator[tuple[str, str]
 
 
 def _places_beyond(scene: Scene, rows: int, cols: int) -> Iterator[tuple[str, str]]:
-    """Tell of known points, and of lines and boundaries by their first such point, that leave the
-    picture.
-    """
+    """Tell of known points, and of the first one of lines and boundaries, beyond the picture."""
     frames = scene.frames
     for i, known in enumerate(frames.known_order, start=1):
         if known.row_px >= rows or known.col_px >= cols:
@@ -422,10 +401,7 @@ def of_unloaded(reader: FrameReader, light: Survey, scene: Scene) -> Iterator[Fi
 
 
 def of_no_load(reader: FrameReader, light: Survey, scene: Scene) -> Iterator[Finding]:
-    """Findings on the no-load frames: missing, unreadable, of another size or exposure.
-
-    A phase-stepped set tells its own background and illumination, and needs none of them.
-    """
+    """Findings on the no-load frames: missing, unreadable, of another size or exposure."""
     frames = scene.frames
     if scene.polariscope.step:
         if frames.no_load_steps is not None:
@@ -533,11 +509,9 @@ class Check(Result):
 
 
 def look_through(path: FramesLike, scene: Scene) -> Check:
-    """Look through captured frames once, without a model: what is wrong with them for this scene.
+    """What is wrong with captured frames for this scene, in one pass, without a model.
 
-    Counts, sizes, times, bit depth, exposure, saturation, noise and no-load frames are looked at,
-    in one pass with one frame in memory, and whether a frame shows the unloaded specimen. Errors
-    come first; frames that cannot be read are a finding, not an exception.
+    Frames that cannot be read are a finding, not an exception; errors come first.
     """
     findings = []
     if not scene.has_model:

@@ -1,6 +1,4 @@
-"""Frames from image files: one, a list, or a folder in natural order.
-
-What a file is by its first bytes, whatever it is called.
+"""Image files: one, a list, or a folder; what a file is by its first bytes, whatever it is called.
 
 Sources: the formats' own specifications (TIFF 6.0 and BigTIFF, PNG, JPEG, BMP, Netpbm, WebP), and
 for videos those of `frames.video`.
@@ -134,7 +132,7 @@ def _frames(
 
 
 def read_image(path: Path) -> np.ndarray:
-    """Decode one image file, to (row, col), or (row, col, 3) in RGB, uint8, uint16 or float.
+    """Decode an image file to (row, col) or (row, col, 3) in RGB, uint8, uint16 or float.
 
     Transparency is dropped, a palette becomes RGB, and a camera's orientation mark is ignored: the
     pixels stay where the sensor had them.

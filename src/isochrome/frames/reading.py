@@ -1,7 +1,4 @@
-"""One reader for TIFF stacks, images, folders of images and videos.
-
-What the readers of TIFF, image and video files have in common.
-"""
+"""One reader for TIFF stacks, images, folders of images and videos, and what these share."""
 
 from __future__ import annotations
 
@@ -23,9 +20,8 @@ from isochrome.errors import InputError, reason_of
 from isochrome.scene import ArrayFrames, FramesLike, Roi
 
 MAX_BYTES: int = 400_000_000
-"""A frame that claims more bytes is a damaged or hostile file: refused before memory is taken.
-
-Decoders hold some copies of a frame at a time."""
+"""A frame that claims more is damaged or hostile: refused before memory is taken for some
+copies."""
 
 MAX_PIXELS: int = MAX_BYTES // 2
 """The same in pixels, of two bytes each at least in what is made of them."""
@@ -103,10 +99,7 @@ class StoredForm:
 
 @dataclass(frozen=True)
 class Extent:
-    """How long a source is: `count` of frames, and `end_s`, when one more frame would have come.
-
-    `end_s` counts from the first frame's time, and is None where the file tells no times.
-    """
+    """How long a source is: its frames, and when one more would have come (s; None: no times)."""
 
     count: int
     end_s: float | None = None
@@ -145,9 +138,7 @@ def _mirrored(image: np.ndarray, flip: str | None) -> np.ndarray:
 
 
 def as_turned(image: np.ndarray, rotate_deg: int, flip: str | None) -> np.ndarray:
-    """A view of a picture (row, col[, channel]) turned by quarter turns, counter-clockwise, then
-    mirrored.
-    """
+    """A view of a picture (row, col[, channel]) turned counter-clockwise, then mirrored."""
     return _mirrored(np.rot90(image, rotate_deg // 90), flip)
 
 
@@ -188,8 +179,7 @@ class Stamp:
 @contextmanager
 def refusing(path: str | Path, what: str = "cannot be read") -> Iterator[None]:
     """Turn whatever a decoding library raises into one InputError that names the file and
-    `what`.
-    """
+    `what`."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")

@@ -1,11 +1,4 @@
-"""Frames from a TIFF stack, page by page.
-
-What the OME notes of a TIFF tell: how many frames, when they were taken, their pixels' size.
-
-One page of a TIFF as pixels, by its own grey levels, in memory that its head has told.
-
-Where a TIFF keeps its frames, when they were taken, and how large their pixels are.
-"""
+"""Frames from a TIFF, page by page: where they are, when they were taken, how large a pixel is."""
 
 from __future__ import annotations
 
@@ -300,10 +293,9 @@ _TURN = threading.Lock()
 
 @contextmanager
 def silence_stderr() -> Iterator[None]:
-    """Nothing that C code writes to standard error comes out: libtiff has no other way to say it.
+    """Nothing that C code writes to standard error comes out: libtiff says it no other way.
 
-    What it would say, a refusal says. Python's own messages of other threads are held back too:
-    the block is to be short.
+    Python's own messages of other threads are held back too: the block is to be short.
     """
     with _TURN:
         try:
@@ -332,9 +324,9 @@ MOST_CHANNELS = 7
 class TiffLayout:
     """The frames of a TIFF: `pages`, each one's number in the file and the byte of its head.
 
-    Where `hidden`, all frames lie one behind the other after the first page's, without heads.
-    `times_s`, of each frame from the first (None: unknown), which came at `first_s`, or
-    `interval_s`, or neither; `pixel_mm`, a pixel's side.
+    Where `hidden`, all lie one behind the other after the first page's, without heads. `times_s`,
+    of each frame from the first (None: unknown), which came at `first_s`, or `interval_s`, or
+    neither.
     """
 
     count: int
@@ -498,10 +490,7 @@ def holds_several(path: Path) -> bool:
 
 
 def read_single(path: Path, *, inverted_too: bool = False) -> np.ndarray:
-    """The one page of a TIFF, such as a folder of images holds.
-
-    `inverted_too`, to take ImageJ's images that are shown inverted, as its masks are, as stored.
-    """
+    """The one page of a TIFF; `inverted_too`: ImageJ's inverted images too, as they are stored."""
     reading.Stamp.of(path)
     with _opened(path, inverted_too=inverted_too) as (tif, decoder):
         layout = tiff_layout_of(tif, path)

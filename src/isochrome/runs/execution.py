@@ -270,10 +270,8 @@ def sync_tree(folder: Path) -> None:
 
 
 def publish(run: RunFolder, target: Path) -> None:
-    """Give finished results their place: by one rename, or file by file into an existing folder.
-
-    Killed in between, the next run goes on with it.
-    """
+    """Give finished results their place by one rename, or file by file; killed, the next run goes
+    on."""
     root = run.root
     if not is_finished(run):
         check_own(target, (entry.name for entry in run.results.iterdir()))
@@ -325,8 +323,8 @@ def _record(target: Path) -> tuple[Mapping[str, Any], list[str]]:
 def _clear_old(results: Path, target: Path) -> None:
     """Take from a folder what an older run says of it, and its files that have no successor.
 
-    Else they would pass for results of the new one. What is left of the record are the names of
-    all that runs have made there: should this one be killed here, the next knows them.
+    Else they would pass for results of the new one. What is left of the record are the names of all
+    that runs have made there: should this one be killed here, the next knows them.
     """
     record, outputs = _record(target)
     names = sorted({*outputs, *(entry.name for entry in results.iterdir())})
@@ -371,10 +369,9 @@ class Stopped(KeyboardInterrupt):
 class RunOptions:
     """By whom and how a run is computed; none of it changes a result.
 
-    `workers`, processes on this machine; None: as many as there are processors where it is worth
-    starting them; `cluster`, address of a Dask scheduler instead; `restart`, whether to throw away
-    what an earlier run left; `keep_going`, whether to leave out items that fail instead of ending
-    with the first.
+    `workers`, processes on this machine (None: as many as are worth it); `cluster`, address of a
+    Dask scheduler instead; `restart`: throw away what an earlier run left; `keep_going`: leave out
+    items that fail instead of ending with the first.
     """
 
     workers: int | None = 1
@@ -399,9 +396,9 @@ def run_job(
 ) -> T | None:
     """Compute a job and leave its results in a folder, all of them or none.
 
-    What is finished is kept in OUT.partial. The same call goes on with it, and ends with the same
-    bytes as if nothing had happened. `finish` makes the rest of the files in `run.results` when all
-    chunks are there. Returns what it returns, None where the folder holds all results already.
+    What is finished is kept in OUT.partial: the same call goes on with it, and ends with the same
+    bytes. `finish` makes the rest of the files when all chunks are there. Returns what it returns,
+    None where the folder holds all results already.
     """
     options = options or RunOptions()
     keep_steady()

@@ -1,8 +1,7 @@
 """Whether results are those that were left: a record of all their files, with sizes and checksums.
 
-The record is the folder's provenance.json (of a campaign its summary.json), written last. A file is
-opened where it is a regular one of the size that was left; its checksum is looked at as it is read.
-The checksum is CRC-32C (Castagnoli), that of zarr's crc32c codec: it finds damage, not forgery.
+It is the folder's provenance.json (of a campaign its summary.json), written last. The checksum is
+CRC-32C (Castagnoli), that of zarr's crc32c codec: it finds damage, not forgery.
 """
 
 import json
@@ -200,10 +199,9 @@ class ResultsRecord:
         return "" if same else message(_OTHER_SUM)
 
     def check(self, names: Iterable[str] = ()) -> None:
-        """Refuse results of which a file has gone or changed its size, or `names` their content.
+        """Refuse results of which a file is gone or of another size, or `names` of another content.
 
-        Names that the record does not have are passed over, and so is the report: it may go, and be
-        made anew. Raises InputError.
+        Names that the record does not have are passed over, and the report, which may be made anew.
         """
         for name in self.sizes:
             if name != REPORT:
@@ -247,8 +245,8 @@ def seal(
 ) -> None:
     """Write down what results are of, and all their files: last, when these are there.
 
-    `known`, checksums by the path of a file; `file`, the record's; `names`, by default of all files
-    in the folder. Raises OSError, InputError.
+    `known`, checksums by the path of a file; `file`, the record's; `names`, by default of all
+    files.
     """
     if names is None:
         paths = (Path(at) / name for at, _, files in os.walk(folder) for name in files)
@@ -434,11 +432,8 @@ def _records_below(place: Path) -> tuple[dict[Path, ResultsRecord], dict[str, st
 
 
 def opened_record(place: Path, names: Iterable[str] = ()) -> ResultsRecord | None:
-    """The record of results that are to be read: of all files the sizes are right.
-
-    Of `names` the content too. None where no command has left the folder; of older results nobody
-    can tell, which is said as a warning. Raises InputError.
-    """
+    """The record of results to be read, whose sizes, and of `names` the content, are right; or
+    None."""
     if (record := read_record(place)) is not None:
         record.check(names)
         if record.older:
@@ -447,10 +442,7 @@ def opened_record(place: Path, names: Iterable[str] = ()) -> ResultsRecord | Non
 
 
 def name_damage(place: Path) -> None:
-    """Refuse results by the file that is damaged, of which a library only knows that it is.
-
-    Raises InputError; does nothing where all is as it was left, or nobody knows.
-    """
+    """Refuse results by the file that is damaged, of which a library only knows that it is."""
     if (record := read_record(place)) is not None:
         record.check(record.sizes)
 

@@ -115,10 +115,7 @@ def _of_run(data: Any) -> Any:
 
 
 def _refuse_other_places(one: Any, other: Any) -> None:
-    """Refuse two maps whose pixels show other places. Raises InputError.
-
-    A part of a map may be held against the whole: its pixels are found there, by their places.
-    """
+    """Refuse two maps whose pixels show other places; a part may be held against the whole."""
     if one is other or not isinstance(other, xarray.DataArray | xarray.Dataset):
         return
     wide = [set(each.sizes) for each in (one, other)]

@@ -61,11 +61,8 @@ def as_run(dataset: xarray.Dataset) -> RunDataset:
 
 
 def open_growing(partial: Path) -> xarray.Dataset:
-    """The dataset of a run that is at work, as far as it is: maps over row and col.
-
-    Maps and columns of frames that are not finished are not known; `finished` says which are.
-    Raises InputError where no run is at work there.
-    """
+    """The dataset of a run at work, as far as it is, over row and col; `finished` says which
+    frames."""
     stores = sorted(partial.glob(f"results-*/{STORE}/zarr.json"), key=lambda f: f.stat().st_mtime)
     manifest = integrity.read_checked(partial / MANIFEST)
     if not stores or manifest is None:
@@ -105,7 +102,7 @@ def create_store(path: Path, layout: RunLayout) -> None:
     """Lay out the store: an array for each layer with named axes, no picture in it yet.
 
     Chunks are plain little-endian float32 and a checksum, so that one that was computed elsewhere
-    is put in its place as a file. Raises OSError.
+    is put in its place as a file.
     """
     import zarr
     from zarr.codecs import Crc32cCodec
@@ -171,10 +168,8 @@ class StoredArray:
 def write_stack(
     run: RunFolder, layer: Layer, view: Mapping[str, Any], *, pixel_mm: float | None
 ) -> None:
-    """Write a layer's TIFF stack, of its pictures as the store has them.
-
-    All chunks are there; `view`, see `imagej_view`. Raises OSError, InputError.
-    """
+    """Write a layer's TIFF stack, of its pictures as the store has them; `view`, see
+    `imagej_view`."""
     items = run.layout.paged_items(layer)
     pictures = stored_arrays(run.results)[layer.name].pictures(
         items if layer.compact is not None else range(len(items))
@@ -188,10 +183,7 @@ def write_stack(
 
 @dataclass(frozen=True)
 class Column:
-    """What is known along some axes of a dataset.
-
-    `axes`, their names; `values`, an axis each; `attributes`, such as the units.
-    """
+    """What is known along some named axes of a dataset, with attributes such as the units."""
 
     axes: tuple[str, ...]
     values: NDArray[Any]
@@ -204,10 +196,9 @@ def add_columns(
     coordinates: Mapping[str, Column],
     attributes: Mapping[str, Any],
 ) -> None:
-    """Add columns, coordinates and attributes to a run's store.
+    """Add columns, coordinates and attributes to a run's store, as xarray would in far more time.
 
-    As xarray would, which is not asked, for it takes longer to start than all columns to write.
-    Names become identifiers: load.normal_n is load_normal_n. Raises OSError.
+    Names become identifiers: load.normal_n is load_normal_n.
     """
     import zarr
     from zarr.codecs import Crc32cCodec, ZstdCodec
@@ -240,10 +231,8 @@ _PARTS = {
 
 
 def identifier(name: str) -> str:
-    """Give the name of a column in a dataset, which may stand in Python and MATLAB code.
-
-    Of `load.normal_n standard_uncertainty` it is `load_normal_n_u`.
-    """
+    """A column's name for Python and MATLAB: `load.normal_n standard_uncertainty` is
+    `load_normal_n_u`."""
     for words, ending in _PARTS.items():
         if name.endswith(words):
             name = name.removesuffix(words) + ending
@@ -262,10 +251,7 @@ def described(name: str, column: Column) -> dict[str, Any]:
 
 
 def column(values: Sequence[Any], axis: str, name: str) -> Column:
-    """Make a table's column: numbers as float64 or int64, all else as text.
-
-    What is not known (None) is NaN, or empty text; the unit is that in the column's `name`.
-    """
+    """A table's column: float64, int64 or text, with the unit in its name; None is NaN or empty."""
     attributes = named_units(name)
     if isinstance(values, output.Floats):
         return Column((axis,), np.asarray(values), attributes)
@@ -357,10 +343,8 @@ def open_run(path: str | Path) -> RunDataset:
 
 
 def open_store(path: str | Path) -> xarray.Dataset:
-    """The dataset that a run left, its pictures over row and col. Raises InputError.
-
-    All its files are there with their sizes, and the checksum of what is read is looked at.
-    """
+    """The dataset that a run left, over row and col; its files' sizes and what is read are
+    checked."""
     place = Path(path)
     store = place if place.suffix == ".zarr" else place / STORE
     if not (store / "zarr.json").is_file() and integrity.read_record(store.parent) is None:
@@ -379,7 +363,6 @@ def checked_store(store: Path) -> Any:
     """What zarr reads a store from: of results, the files that were left, as they were left.
 
     A store away from its results is read as it is, which is said as a warning; so is an older one.
-    Raises InputError where a file is missing or of another size.
     """
     record = integrity.opened_record(store.parent)
     if record is None:
@@ -512,10 +495,7 @@ def _is_picture(variable: xarray.DataArray) -> bool:
 
 
 def _blocks(variable: xarray.DataArray) -> Iterator[tuple[tuple[int, ...], np.ndarray]]:
-    """A variable's parts, each with its place: single pictures, or else all at once.
-
-    What the store keeps together is read together, else it would be read for each picture.
-    """
+    """A variable's pictures, each with its place, or all at once; read as the store keeps them."""
     if not _is_picture(variable):
         yield (), np.asarray(variable.values)
         return

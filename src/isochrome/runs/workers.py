@@ -1,12 +1,8 @@
 """Who computes the chunks: this process, worker processes on this machine, or a Dask cluster.
 
-All through the standard executor interface (concurrent.futures); the results are the same.
-
-Memory that is free again goes back to the system, in a long run as in a short one.
-
-Of the GNU C library, which keeps what is freed: without this, what is left of one chunk lies
-between the pieces of the next, and a long run takes more than a short one. The memory of other
-systems' libraries shrinks by itself, or cannot be asked to. Source: mallopt(3), malloc_trim(3).
+All through the standard executor interface; the results are the same. The GNU C library keeps what
+is freed: what is left of one chunk lies between the pieces of the next, and a long run would take
+more memory than a short one, so it is told to give it back. Source: mallopt(3), malloc_trim(3).
 """
 
 from __future__ import annotations
@@ -106,10 +102,9 @@ def by_processes(
 
 @contextmanager
 def worker_pool(workers: int, task: bytes = b"") -> Iterator[futures.ProcessPoolExecutor]:
-    """Start worker processes that ignore the keyboard and end when this process does.
+    """Spawn worker processes that ignore the keyboard and end when this process does.
 
-    They are spawned, and each has the pickled `task`, if any. Left by an exception, the block ends
-    them at once, whatever they are at. Raises WorkersLost.
+    Each has the pickled `task`, if any. Left by an exception, the block ends them at once.
     """
     before, spawn = set(multiprocessing.active_children()), multiprocessing.get_context("spawn")
     pool = futures.ProcessPoolExecutor(workers, spawn, _start_worker, (task,))
@@ -130,9 +125,8 @@ def by_cluster(
 ) -> Generator[Finished]:
     """Compute chunks on an existing Dask cluster; the results come here and are written here.
 
-    The workers need the input under the same paths, and the same versions of all that computes; the
-    output they do not see. A chunk whose worker dies is given to another. Yields in the order of
-    completion. Raises InputError where the cluster cannot be reached.
+    The workers need the input under the same paths, and the same versions of all that computes. A
+    chunk whose worker dies is given to another. Yields in the order of completion.
     """
     try:
         from distributed import Client
@@ -168,10 +162,7 @@ def processors() -> int:
 def in_flight(
     submit: Callable[[int], futures.Future[T]], items: Sequence[int], ahead: int
 ) -> Iterator[tuple[int, T]]:
-    """Keep a few items submitted, so that memory does not grow with their number.
-
-    `ahead` are submitted at a time. Yields each index with its result, in the order of completion.
-    """
+    """Keep `ahead` items submitted; yields each with its result, in the order of completion."""
     waiting: dict[futures.Future[T], int] = {}
     todo = iter(items)
     while True:

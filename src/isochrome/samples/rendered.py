@@ -1,16 +1,7 @@
-"""What a sample goes through from fringe order to file: pixels of finite size, and a poor camera.
+"""What the samples are rendered of, from fringe order to file, with pixels of finite size.
 
 A pixel is the mean of several points in it, so that the samples do not share the first-order
 expression for a pixel's area with the model that is fitted to them.
-
-The sample of the main job: the paper's six states as a camera might have captured them.
-
-The sample of a film: a sliding contact that wears while its load swings, a frame a second.
-
-The samples of calibrations: a beam in four-point bending seen a little tilted, at four loads; a
-disc under three diametral loads, not in the middle.
-
-The sample of a wear test: traces across the scars of the true contact, and its friction.
 """
 
 import tomllib
@@ -58,7 +49,7 @@ class Sensor:
     """A camera's own faults, the same in all its frames.
 
     `dead`, `hot` (n, 2), (row, col) of pixels that read 0 or 255; `glare` (row, col, radius) of a
-    lamp's reflection, in pixels, or None; `camera`, all that is not the pixels' own.
+    lamp's reflection, in pixels, or None.
     """
 
     dead: NDArray[np.int64]
@@ -112,10 +103,8 @@ def finer(scene: Scene, factor: int) -> Scene:
 
 
 def dark_field(order: Array) -> Array:
-    """The ideal dark-field signal of pixels, each the mean of its points.
-
-    `order` N at the points is NaN where there is no specimen and so no light.
-    """
+    """The ideal dark-field signal of pixels, each the mean of its points; NaN: no specimen, no
+    light."""
     known = np.isfinite(order)
     visibility, _ = pixel_visibility(order)
     chain = make_chain(Polariscope(field="dark"))
@@ -302,10 +291,8 @@ def render_bending(folder: Path, seed: int) -> None:
 
 
 def true_order(load_n: float, beam: dict[str, float], pixel_mm: float) -> Array:
-    """Fringe order at the points of every pixel.
-
-    NaN outside the beam, whose sizes are those of the set.
-    """
+    """Fringe order at the points of every pixel; NaN outside the beam, whose sizes are the
+    set's."""
     shape = RENDERING["bending_shape"]
     row, col = ((np.arange(n * _POINTS) + 0.5) / _POINTS - 0.5 for n in shape)
     given = TRUTH["bending"]

@@ -296,10 +296,7 @@ def _layout(grid: SweepGrid) -> runs.RunLayout:
 
 
 def _finish(run_folder: runs.RunFolder, job: runs.Job, grid: SweepGrid) -> None:
-    """Make the files that need all points, from what is kept of them in the `run_folder`.
-
-    Raises PhysicsError where every point was refused, OSError.
-    """
+    """Make the files that need all points, from what is kept of them in the `run_folder`."""
     table = _table(run_folder, grid)
     if set(table["status"]) == {"failed"}:
         raise PhysicsError(
