@@ -68,11 +68,8 @@ def report(folder: str | Path, out: str | Path | None = None) -> Path:
     Examples
     --------
     >>> import isochrome
-    >>> scene = isochrome.load_scene("ring").with_values({
-    ...     "load.normal_n": 60.0, "camera.width_px": 128, "camera.height_px": 128,
-    ...     "camera.pixel_mm": 0.36, "camera.noise_grey": 1.0})
-    >>> frames = isochrome.simulate(scene).frames
-    >>> found = isochrome.process(frames, scene, "processed")
+    >>> frames = isochrome.simulate("ring").frames
+    >>> found = isochrome.process(frames, "ring", "processed")
     >>> isochrome.report("processed").name
     'report.html'
     """

@@ -528,11 +528,8 @@ def process_campaign(
     Examples
     --------
     >>> import isochrome
-    >>> scene = isochrome.load_scene("ring").with_values({
-    ...     "load.normal_n": 60.0, "camera.width_px": 128, "camera.height_px": 128,
-    ...     "camera.pixel_mm": 0.36, "camera.noise_grey": 1.0})
-    >>> simulated = isochrome.simulate(scene, "simulated")
-    >>> found = isochrome.process_campaign(["simulated/frames.tif"], scene, "all")
+    >>> simulated = isochrome.simulate("ring", "simulated")
+    >>> found = isochrome.process_campaign(["simulated/frames.tif"], "ring", "all")
     >>> found.table["status"].tolist()
     ['ok']
     """

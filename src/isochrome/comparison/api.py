@@ -143,11 +143,8 @@ def plot_side_by_side(
     Examples
     --------
     >>> import isochrome
-    >>> scene = isochrome.load_scene("ring").with_values({
-    ...     "load.normal_n": 60.0, "camera.width_px": 128, "camera.height_px": 128,
-    ...     "camera.pixel_mm": 0.36, "camera.noise_grey": 1.0})
-    >>> simulated = isochrome.simulate(scene)
-    >>> found = isochrome.process(simulated.frames, scene)
+    >>> simulated = isochrome.simulate("ring")
+    >>> found = isochrome.process(simulated.frames, "ring")
     >>> axes = isochrome.plot_side_by_side(found, simulated)
     >>> [one.get_title(loc="left") for one in axes][1:]
     ['simulation', 'experiment − simulation']
@@ -420,14 +417,12 @@ def compare(
     Examples
     --------
     >>> import isochrome
-    >>> scene = isochrome.load_scene("ring").with_values({
-    ...     "load.normal_n": 60.0, "camera.width_px": 128, "camera.height_px": 128,
-    ...     "camera.pixel_mm": 0.36, "camera.noise_grey": 1.0})
-    >>> one = isochrome.simulate(scene, "one")
-    >>> two = isochrome.simulate(scene.with_values({"load.normal_n": 61.0}), "two")
+    >>> one = isochrome.simulate("ring", "one")
+    >>> other = isochrome.load_scene("ring").with_values({"load.normal_n": 201.0})
+    >>> two = isochrome.simulate(other, "two")
     >>> found = isochrome.compare("one", "two")
     >>> print(f"{found.table['order_rms_fringe'][0]:.3f}")
-    0.008
+    0.009
     """
     tabled = isinstance(experiment, str | Path) and Path(experiment).suffix == ".toml"
     if isinstance(experiment, Scene) or tabled:

@@ -394,11 +394,8 @@ def paper_figure(result: WithPanels, style: FigureStyle | None = None) -> Figure
     Examples
     --------
     >>> import isochrome
-    >>> scene = isochrome.load_scene("ring").with_values({
-    ...     "load.normal_n": 60.0, "camera.width_px": 128, "camera.height_px": 128,
-    ...     "camera.pixel_mm": 0.36, "camera.noise_grey": 1.0})
-    >>> figure = isochrome.paper_figure(
-    ...     isochrome.simulate(scene), isochrome.FigureStyle(width_mm=85))
+    >>> style = isochrome.FigureStyle(width_mm=85)
+    >>> figure = isochrome.paper_figure(isochrome.simulate("ring"), style)
     >>> round(25.4 * figure.get_figwidth())
     85
     """
@@ -720,11 +717,8 @@ def save_figure(
     Examples
     --------
     >>> import isochrome
-    >>> scene = isochrome.load_scene("ring").with_values({
-    ...     "load.normal_n": 60.0, "camera.width_px": 128, "camera.height_px": 128,
-    ...     "camera.pixel_mm": 0.36, "camera.noise_grey": 1.0})
     >>> style = isochrome.FigureStyle(width_mm=85, formats=("svg",))
-    >>> files = isochrome.save_figure(isochrome.simulate(scene), "ring", style)
+    >>> files = isochrome.save_figure(isochrome.simulate("ring"), "ring", style)
     >>> [file.name for file in files]
     ['ring.svg']
     """

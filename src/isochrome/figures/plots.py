@@ -310,10 +310,7 @@ def plot_over_distance(result: WithFrameValues, key: str, axes: Axes | None = No
     Examples
     --------
     >>> import isochrome
-    >>> scene = isochrome.load_scene("ring").with_values({
-    ...     "load.normal_n": 60.0, "camera.width_px": 128, "camera.height_px": 128,
-    ...     "camera.pixel_mm": 0.36, "camera.noise_grey": 1.0})
-    >>> found = isochrome.process(isochrome.simulate(scene).frames, scene)
+    >>> found = isochrome.process(isochrome.simulate("ring").frames, "ring")
     >>> isochrome.plot_over_distance(found, "load.normal_n").get_ylabel()
     'normal load (N)'
     """

@@ -383,10 +383,7 @@ def verify(folder: str | Path, *, progress: RunProgress | None = None) -> Verifi
     Examples
     --------
     >>> import isochrome
-    >>> scene = isochrome.load_scene("ring").with_values({
-    ...     "load.normal_n": 60.0, "camera.width_px": 128, "camera.height_px": 128,
-    ...     "camera.pixel_mm": 0.36, "camera.noise_grey": 1.0})
-    >>> found = isochrome.simulate(scene, "simulated")
+    >>> found = isochrome.simulate("ring", "simulated")
     >>> isochrome.verify("simulated").ok
     True
     """

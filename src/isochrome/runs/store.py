@@ -327,16 +327,13 @@ def open_run(path: str | Path) -> RunDataset:
     Examples
     --------
     >>> import isochrome
-    >>> scene = isochrome.load_scene("ring").with_values({
-    ...     "load.normal_n": 60.0, "camera.width_px": 128, "camera.height_px": 128,
-    ...     "camera.pixel_mm": 0.36, "camera.noise_grey": 1.0})
-    >>> found = isochrome.sweep(scene, {"load.normal_n": [60.0]}, "loads")
+    >>> found = isochrome.sweep("ring", {"load.normal_n": [60.0]}, "loads")
     >>> with isochrome.open_run("loads") as run:
     ...     order = run.fringe_order.sel(load_normal_n=60.0, state=0).load()
     >>> order.dims
     ('z_mm', 'x_mm')
     >>> print(f"{order.sel(x_mm=0.0, z_mm=9.0, method='nearest').item():.2f} fringes")
-    0.78 fringes
+    0.77 fringes
     """
     growing = Path(path).name.endswith(WORKING)
     return as_run(open_growing(Path(path)) if growing else open_store(path))
@@ -438,10 +435,7 @@ def export(run: str | Path, to: str, out: str | Path | None = None) -> list[Path
     Examples
     --------
     >>> import isochrome
-    >>> scene = isochrome.load_scene("ring").with_values({
-    ...     "load.normal_n": 60.0, "camera.width_px": 128, "camera.height_px": 128,
-    ...     "camera.pixel_mm": 0.36, "camera.noise_grey": 1.0})
-    >>> found = isochrome.sweep(scene, {"load.normal_n": [60.0]}, "loads")
+    >>> found = isochrome.sweep("ring", {"load.normal_n": [60.0]}, "loads")
     >>> [file.name for file in isochrome.export("loads", "csv")]
     ['run.csv']
     """

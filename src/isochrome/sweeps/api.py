@@ -251,10 +251,7 @@ def sweep(
     Examples
     --------
     >>> import isochrome
-    >>> scene = isochrome.load_scene("ring").with_values({
-    ...     "load.normal_n": 60.0, "camera.width_px": 128, "camera.height_px": 128,
-    ...     "camera.pixel_mm": 0.36, "camera.noise_grey": 1.0})
-    >>> found = isochrome.sweep(scene, ["load.normal_n=60,80"], "loads")
+    >>> found = isochrome.sweep("ring", ["load.normal_n=60,80"], "loads")
     >>> found.points, found.failed
     (2, 0)
     >>> with isochrome.open_run("loads") as run:
