@@ -136,7 +136,11 @@ def failed(task: Task, error: IsochromeError) -> Outcome:
     # what is kept of an unfinished run depends on when it was stopped; the reason does not
     bare = isinstance(cause, IsochromeError) and str(error).startswith(f"{cause} (")
     row = _row(task, "failed") | {"error": " ".join(str(cause if bare else error).split())}
-    return Outcome(row, _hashes(task.frames), error.exit_code)
+    hashes: dict[str, str] = {}
+    for place in [task.frames] if isinstance(task.frames, str | Path) else task.frames:
+        with suppress(InputError, OSError):  # what cannot be read has none
+            hashes |= output.provenance(None, [place])["inputs_sha256"]
+    return Outcome(row, hashes, error.exit_code)
 
 
 def _row(task: Task, status: str) -> dict[str, Any]:
@@ -191,18 +195,6 @@ def _known(table: Mapping[str, Sequence[Any]], name: str) -> Array:
 
 def _of_known(measure: Any, values: Array) -> float | None:
     return float(measure(values)) if values.size else None
-
-
-def _hashes(frames: FramesPath) -> dict[str, str]:
-    """The files of a recording that can be read, with their SHA-256."""
-    result = {}
-    for place in map(Path, [frames] if isinstance(frames, str | Path) else frames):
-        with suppress(OSError):
-            for file in sorted(place.iterdir()) if place.is_dir() else [place]:
-                with suppress(InputError, OSError):
-                    if file.is_file():
-                        result[str(file)] = output.sha256(file)
-    return result
 
 
 def run_side_by_side(
@@ -287,7 +279,15 @@ def _panels(every: Sequence[Outcome], rows: Sequence[int]) -> figures.PaperPanel
         colours = list(colormaps[figures.VALUE_MAP](np.linspace(0.0, 0.92, len(chosen))))
 
     def over(key: str, axes: Axes) -> None:
-        _over_recordings(axes, key, chosen, colours)
+        """Means with the scatter over the frames; a cross at the foot where nothing was found."""
+        for place, (item, colour) in enumerate(zip(chosen, colours, strict=True)):
+            if (mean := item.row.get(f"{key} mean")) is None:
+                look: Any = {"transform": axes.get_xaxis_transform(), "clip_on": False}
+                axes.plot(place, 0.03, "x", color=figures.GREY, ms=5, **look)
+                continue
+            look = {"color": colour, "ms": 4.5, "capsize": 3, "lw": figures.LINE_PT}
+            scatter = item.row[f"{key} standard_deviation"] or 0.0
+            axes.errorbar(place, mean, yerr=scatter, fmt="o", **look)
         # below the axis, which rows of the summary the recordings are, from 1
         places = range(0, len(rows), -(-len(rows) // 8))
         axes.set_xlim(-0.6, len(rows) - 0.4)
@@ -295,7 +295,17 @@ def _panels(every: Sequence[Outcome], rows: Sequence[int]) -> figures.PaperPanel
         figures.style_axes(axes, x_label="recording", z_label=figures.KEY_LABELS[key])
 
     def within(key: str, axes: Axes) -> None:
-        _within(axes, key, chosen, colours, across)
+        """The key's course in each recording."""
+        for item, colour in zip(chosen, colours, strict=True):
+            if key not in item.curves:
+                continue
+            x, y = item.curves[across], item.curves[key]
+            look: Any = {"marker": "o" if len(x) < 15 else None, "ms": 3}
+            if len(chosen) <= _BANDED:
+                spread = item.curves[f"{key} {SPREAD}"]
+                figures.draw_band(axes, x, y, spread, colour=colour, lw=figures.LINE_PT, **look)
+            else:
+                axes.plot(x, y, color=colour, lw=figures.FINE_PT, alpha=0.7, **look)
         figures.style_axes(axes, x_label=label, z_label=figures.KEY_LABELS[key])
 
     draws = (("mean", over), ("each frame", within))
@@ -305,40 +315,6 @@ def _panels(every: Sequence[Outcome], rows: Sequence[int]) -> figures.PaperPanel
     named = [f"{k + 1} {figures.plain_name(str(every[k].row['folder']), _LETTERS)}" for k in rows]
     note = "Recordings: " + ("; ".join(named) if len(rows) <= _NAMED else "as in summary.csv")
     return figures.PaperPanels(plots=plots, plots_across=2, notes=(note,))
-
-
-def _over_recordings(
-    axes: Axes, key: str, outcomes: Sequence[Outcome], colours: Sequence[Any]
-) -> None:
-    """Means with the scatter over the frames; a cross at the foot where nothing was found."""
-    for place, (item, colour) in enumerate(zip(outcomes, colours, strict=True)):
-        mean = item.row.get(f"{key} mean")
-        if mean is None:
-            foot = axes.get_xaxis_transform()
-            axes.plot(place, 0.03, "x", color=figures.GREY, ms=5, transform=foot, clip_on=False)
-            continue
-        scatter = item.row[f"{key} standard_deviation"] or 0.0
-        axes.errorbar(
-            place, mean, yerr=scatter, fmt="o", color=colour, ms=4.5, capsize=3, lw=figures.LINE_PT
-        )
-
-
-def _within(
-    axes: Axes, key: str, outcomes: Sequence[Outcome], colours: Sequence[Any], across: str
-) -> None:
-    """A key's course in each recording."""
-    for item, colour in zip(outcomes, colours, strict=True):
-        if key not in item.curves:
-            continue
-        x, y = item.curves[across], item.curves[key]
-        marker = "o" if len(x) < 15 else None
-        if len(outcomes) <= _BANDED:
-            spread = item.curves[f"{key} {SPREAD}"]
-            figures.draw_band(
-                axes, x, y, spread, colour=colour, lw=figures.LINE_PT, marker=marker, ms=3
-            )
-        else:
-            axes.plot(x, y, color=colour, lw=figures.FINE_PT, alpha=0.7, marker=marker, ms=3)
 
 
 _LAST = ("kept_share", "warnings", "error")
@@ -383,16 +359,6 @@ def write_summary(out: Path, scene: Scene, outcomes: Sequence[Outcome], beside: 
         ) from error
 
 
-def check_summary(out: Path) -> None:
-    """Refuse to replace files of the summary's names that no campaign has left."""
-    path, rows = out / SUMMARIES[1], None
-    present = [out / name for name in SUMMARIES if os.path.lexists(out / name)]
-    with suppress(OSError, ValueError, KeyError, TypeError):
-        rows = json.loads(path.read_text("utf-8"))["recordings"]
-    if present and rows is None and not runs.has_own_keys(path):
-        raise InputError("would_replaced_campaign_summary", there=present[0])
-
-
 CampaignProgress = Callable[[Tally, Tally | None], None]
 """Called with the recordings' Tally, and that of the frames of the one in work, if it is one."""
 
@@ -409,8 +375,6 @@ class Campaign(output.Result):
         The scene as given.
     outcomes : tuple of Outcome
         What became of each recording, in order.
-    draw : callable, optional
-        Not used: the figure is made of the outcomes.
     """
 
     out: Path
@@ -562,12 +526,17 @@ def process_campaign(
 
 
 def _check_place(target: Path, root: Path, tasks: Sequence[Task]) -> None:
-    """Refuse a folder that holds something else than recordings' results."""
+    """Refuse a folder that holds something else than recordings' results and their summary."""
     if not tasks:
         raise InputError("no_recordings_named_name")
     if (target / runs.PROVENANCE).exists() or runs.has_run(root):
         raise InputError("holds_results_one_recording", target=target, tasks_count=len(tasks))
-    check_summary(target)
+    path, rows = target / SUMMARIES[1], None
+    present = [target / name for name in SUMMARIES if os.path.lexists(target / name)]
+    with suppress(OSError, ValueError, KeyError, TypeError):
+        rows = json.loads(path.read_text("utf-8"))["recordings"]
+    if present and rows is None and not runs.has_own_keys(path):
+        raise InputError("would_replaced_campaign_summary", there=present[0])
     for task in tasks:
         first = task.frames if isinstance(task.frames, str | Path) else task.frames[0]
         if task.folder.exists() and task.folder.resolve() == Path(first).resolve():

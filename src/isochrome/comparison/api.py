@@ -41,9 +41,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.image import AxesImage
 
-MOST_ROWS = 8
-"""Frames that are drawn, evenly spaced ones of more."""
-
 _ROWS_FOR_PAPER = 3
 """Frames of a figure for a paper where nobody names them."""
 _LABEL_LENGTH = 26
@@ -57,7 +54,7 @@ def side_by_side(
     Of more than 8 frames evenly spaced ones. Simulated dark fringes lie over the experiment.
     """
     pairs = frame_pairs(experiment, simulation)
-    rows = tuple(evenly_spaced(range(len(pairs)), MOST_ROWS))
+    rows = tuple(evenly_spaced(range(len(pairs)), reporting.MOST_FRAMES))
     panels = side_by_side_panels(experiment, simulation, metrics, rows)
     *notes, lines = panels.notes
     foot = ["One scale, grey range and difference range for all rows; hatched: not known.", lines]
@@ -318,8 +315,6 @@ class Comparison(Result):
         The numbers, one entry a pair of frames.
     load : callable
         Reads both sets of frames again: a result holds numbers, not films.
-    draw : callable, optional
-        Not used: the figure is made of the sets.
     """
 
     metrics: list[FrameMetrics]

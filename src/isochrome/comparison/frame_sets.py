@@ -18,7 +18,7 @@ from scipy.spatial import cKDTree
 from isochrome.errors import InputError
 from isochrome.frames import CHANNELS, SAME, channel_for, open_frames, open_tiff
 from isochrome.fringes import Skeleton, order_contours, skeletons
-from isochrome.output import read_csv, read_pixel_mm
+from isochrome.output import read_csv
 from isochrome.processing import PICTURE, Processed, corner_of
 from isochrome.runs import opened_record
 from isochrome.scene import Camera, FramesLike, Scene, load_scene
@@ -119,7 +119,11 @@ def compare_signals(
     model scores .893 on one noisy frame, one 1 % off in load .890.
     """
     measured, model, known = _paired(experiment, simulation, "images", "signal")
-    gain, offset = brightness_line(measured[known], model[known])
+    a, b = (image[known] - image[known].mean() for image in (measured, model))
+    # the least-squares line of the grey levels; of a model without contrast their mean
+    flat = b @ b <= (1e-9 * (1.0 + float(np.abs(model[known]).max()))) ** 2 * b.size
+    gain = 0.0 if flat else float(a @ b) / float(b @ b)
+    offset = float(measured[known].mean() - gain * model[known].mean())
     fitted = gain * model + offset
     residual, over_noise = (measured - fitted)[known], np.nan
     if noise is not None:
@@ -127,7 +131,6 @@ def compare_signals(
         if not np.all(deviation > 0.0):
             raise InputError("noise_image_comparison_holds")
         over_noise = _rms(residual / deviation)
-    a, b = (image[known] - image[known].mean() for image in (measured, model))
     scale = float(np.sqrt((a @ a) * (b @ b)))
     largest = np.abs(measured[known]).max() * np.abs(model[known]).max()
     constant = scale <= 1e-18 * a.size * (1.0 + float(largest))
@@ -139,16 +142,6 @@ def compare_signals(
         "gain": gain,
         "offset": offset,
     }
-
-
-def brightness_line(measured: Floats, model: Floats) -> tuple[float, float]:
-    """Least-squares gain and offset of  measured = gain model + offset  (1-D, finite)."""
-    centred = model - model.mean()
-    power = float(centred @ centred)
-    if power <= (1e-9 * (1.0 + float(np.abs(model).max()))) ** 2 * model.size:
-        return 0.0, float(measured.mean())
-    gain = float(centred @ (measured - measured.mean())) / power
-    return gain, float(measured.mean() - gain * model.mean())
 
 
 def _paired(
@@ -425,9 +418,9 @@ def _of_result(result: Processed | Simulation) -> ComparedFrames:
 
 def _load_result(folder: Path, signal_name: str, table_name: str) -> ComparedFrames:
     opened_record(folder, (signal_name, _ORDER, table_name, "scene.toml"))
-    stack = _read_stack(folder / signal_name)
+    stack, pixel_mm = _read_stack(folder / signal_name)
     file = folder / _ORDER
-    order = _read_stack(file).astype(np.float32, copy=False) if file.exists() else None
+    order = _read_stack(file)[0].astype(np.float32, copy=False) if file.exists() else None
     table = read_csv(folder / table_name) if (folder / table_name).exists() else {}
     if PICTURE in table:
         shown = np.isfinite(table[PICTURE])
@@ -439,7 +432,7 @@ def _load_result(folder: Path, signal_name: str, table_name: str) -> ComparedFra
     scene = load_scene(resolved if resolved.exists() else {"specimen": {}})
     return _compared(
         stack, order, scene, table, name=str(folder / signal_name),
-        simulated=signal_name == "frames.tif", pixel_mm=read_pixel_mm(folder / signal_name),
+        simulated=signal_name == "frames.tif", pixel_mm=pixel_mm,
     )  # fmt: skip
 
 
@@ -497,9 +490,10 @@ def scaled(image: NDArray[Any], bit_depth: int | None = None) -> NDArray[np.floa
     return image.astype(np.float32) / np.float32(full)
 
 
-def _read_stack(path: Path) -> NDArray[Any]:
-    """A TIFF as (frame, row, col) or, in colour, (frame, row, col, 3), in its own type."""
-    return np.stack([raw.image for raw in open_tiff(path).frames(0)])
+def _read_stack(path: Path) -> tuple[NDArray[Any], float | None]:
+    """A TIFF as (frame, row, col[, 3]) in its own type, and its pixel's side (mm)."""
+    source = open_tiff(path)
+    return np.stack([raw.image for raw in source.frames(0)]), source.pixel_mm
 
 
 def _one_channel(stack: NDArray[Any], scene: Scene) -> NDArray[Any]:

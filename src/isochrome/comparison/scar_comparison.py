@@ -18,6 +18,7 @@ from isochrome.calibration import WearSet
 from isochrome.contact import SurfaceState, contact_states
 from isochrome.errors import InputError
 from isochrome.messages import message, warnings_json
+from isochrome.reporting import MOST_FRAMES
 from isochrome.runs import opened_record, seal
 from isochrome.scars import LevelledTrace, UnclearScarError, definite, levelled, read_trace
 from isochrome.scene import Scene, dump_scene, load_scene, parse_toml, read_text
@@ -212,7 +213,16 @@ def pair_scar(trace: LevelledTrace, scar: SimulatedScar) -> ScarPair:
     δh δhᵀ + u_shift² h' h'ᵀ, chi² = dᵀ C⁻¹ d/n. A deeper or wider scar stays in the middle: h' is
     odd.
     """
-    shift, spread = _aligned(trace, scar)
+    first = trace.centre_mm - scar.centre_mm
+    fitted = _both(trace, scar, first)
+    root = np.linalg.cholesky(definite(trace.depth_covariance_um2[np.ix_(fitted, fitted)]))
+
+    def residual(shift: Array) -> Array:
+        simulated = scar.on_bins(trace.x_mm - shift[0], scar.depth_um)
+        return np.linalg.solve(root, (trace.depth_um - simulated)[fitted])
+
+    best = least_squares(residual, [first], x_scale=scar.width_mm)
+    shift, spread = float(best.x[0]), float(np.linalg.norm(best.jac)) ** -1.0
     x = trace.x_mm - shift
     inside, slope = _both(trace, scar, shift), scar.slope(x, scar.depth_um)
     simulated = scar.on_bins(x, scar.depth_um)
@@ -236,20 +246,6 @@ def pair_scar(trace: LevelledTrace, scar: SimulatedScar) -> ScarPair:
         rms_um=float(np.sqrt(np.mean(d**2))),
         chi=float(np.sqrt(d @ np.linalg.solve(part, d) / len(d))),
     )
-
-
-def _aligned(trace: LevelledTrace, scar: SimulatedScar) -> tuple[float, float]:
-    """The shift (mm) of least squares, and its standard uncertainty."""
-    first = trace.centre_mm - scar.centre_mm
-    inside = _both(trace, scar, first)
-    root = np.linalg.cholesky(definite(trace.depth_covariance_um2[np.ix_(inside, inside)]))
-
-    def residual(shift: Array) -> Array:
-        simulated = scar.on_bins(trace.x_mm - shift[0], scar.depth_um)
-        return np.linalg.solve(root, (trace.depth_um - simulated)[inside])
-
-    best = least_squares(residual, [first], x_scale=scar.width_mm)
-    return float(best.x[0]), float(np.linalg.norm(best.jac)) ** -1.0
 
 
 def _both(trace: LevelledTrace, scar: SimulatedScar, shift: float) -> NDArray[np.intp]:
@@ -311,8 +307,6 @@ class ScarComparison(output.Result):
 
     Parameters
     ----------
-    draw : callable, optional
-        Makes the figure, of results that need more for it than they hold; not of this one.
     scene : Scene
         The scene whose wear made the simulated scars.
     names : tuple of str
@@ -453,7 +447,7 @@ class ScarComparison(output.Result):
         The top row is the paper's Fig. 7 beside its Fig. 9, with the band of the scene's inputs.
         """
         count = len({scar.distance_m for scar in self.scars})
-        panels = self.panels(tuple(output.evenly_spaced(range(count), MOST_DISTANCES)))
+        panels = self.panels(tuple(output.evenly_spaced(range(count), MOST_FRAMES)))
         name = figures.plain_name(self.scene.name)
         return figures.panels_figure(panels, f"{name}: measured scars beside simulated ones")
 
@@ -499,7 +493,12 @@ def _traces(
 ) -> tuple[list[Path], list[float]]:
     """Files of traces, and their distances (m)."""
     rows: list[tuple[Path, float]]
-    if isinstance(measured, str | Path) and _is_wear_set(Path(measured)):
+    # sets of a wear calibration have traces, and no scenes do
+    if (
+        isinstance(measured, str | Path)
+        and (file := Path(measured)).is_file()
+        and "trace" in parse_toml(read_text(file), str(file))
+    ):
         measured = WearSet.read(measured)
     if isinstance(measured, WearSet):
         rows = [(measured.path(trace.file), trace.distance_m) for trace in measured.trace]
@@ -514,11 +513,6 @@ def _traces(
     if wrong or not rows:
         raise InputError("distances_traces_give_traces", wrong=wrong)
     return [file for file, _ in rows], [distance for _, distance in rows]
-
-
-def _is_wear_set(path: Path) -> bool:
-    """Whether a TOML file has traces, as sets of a wear calibration and no scenes have."""
-    return path.is_file() and "trace" in parse_toml(read_text(path), str(path))
 
 
 def _paired(
@@ -542,9 +536,6 @@ def _paired(
         raise first
     return tuple(pairs), tuple(messages)
 
-
-MOST_DISTANCES = 8
-"""Distances that are drawn, evenly spaced ones of more."""
 
 _FOR_PAPER = 4
 """Distances of a figure for a paper where nobody names them."""

@@ -453,8 +453,6 @@ class Check(Result):
         Size of a frame, (rows, cols); None where they could not be opened.
     light : Survey, optional
         Light of the frames; None where they could not be opened.
-    draw : callable, optional
-        Not used: the figure is made of `light`.
     """
 
     findings: tuple[Finding, ...]

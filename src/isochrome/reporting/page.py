@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from matplotlib.image import AxesImage
 
 MOST_FRAMES = 8
-"""Frames in a report: of a camera's usual picture so many are shown pixel by pixel in 10 MB."""
+"""Frames in a report or figure: of a usual picture so many are shown pixel by pixel in 10 MB."""
 
 
 @dataclass(frozen=True)

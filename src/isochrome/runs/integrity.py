@@ -315,8 +315,6 @@ class Verified(Result):
 
     Parameters
     ----------
-    draw : callable, optional
-        Nothing is drawn.
     folder : Path
         The folder.
     files : int

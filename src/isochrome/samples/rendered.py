@@ -219,6 +219,8 @@ FILM = "film.avi"
 
 def render_film(folder: Path, seed: int) -> None:
     """Write the film, its no-load frames, its scene and its truth to a folder."""
+    import cv2
+
     truth = true_film(parse_scene(sample_text("film-scene.toml"), name="film"))
     shape = truth.get("camera.height_px"), truth.get("camera.width_px")
     given = TRUTH["film"]
@@ -228,7 +230,14 @@ def render_film(folder: Path, seed: int) -> None:
     for i, state in enumerate(scene_states(truth)):
         order = fine_order(truth, state, _POINTS)
         frames.append(sensor.picture(order, [seed, 41, i]))
-    _write_film(folder / FILM, frames, given["frames_per_s"])
+    # uncompressed: OpenCV reads that by itself, and hides no damage
+    codec, size = cv2.VideoWriter.fourcc(*"Y800"), (shape[1], shape[0])
+    film = cv2.VideoWriter(str(folder / FILM), codec, given["frames_per_s"], size, isColor=False)
+    if not film.isOpened():
+        raise InputError("cannot_opened_film_opencv", path=folder / FILM)
+    for frame in frames:
+        film.write(frame)
+    film.release()
     _write_no_load(folder, np.isfinite(order), sensor, (seed, 42), truth.get("camera.pixel_mm"))
     write_text(folder / "scene.toml", sample_text("film-scene.toml"))
     load, friction = truth.get("load.normal_n"), truth.get("friction.coefficient")
@@ -261,20 +270,6 @@ def true_film(nominal: Scene) -> Scene:
             **given["scene"],
         }
     )
-
-
-def _write_film(path: Path, frames: list[Grey], frames_per_s: float) -> None:
-    """Write frames as they are, uncompressed: OpenCV reads that by itself, and hides no damage."""
-    import cv2
-
-    rows, cols = frames[0].shape
-    codec = cv2.VideoWriter.fourcc(*"Y800")
-    film = cv2.VideoWriter(str(path), codec, frames_per_s, (cols, rows), isColor=False)
-    if not film.isOpened():
-        raise InputError("cannot_opened_film_opencv", path=path)
-    for frame in frames:
-        film.write(frame)
-    film.release()
 
 
 def render_bending(folder: Path, seed: int) -> None:

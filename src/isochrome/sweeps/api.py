@@ -118,8 +118,6 @@ class Swept(Result):
         Values of each key that was varied, in the unit that the key names.
     reasons : tuple of str
         Why points failed, each reason once.
-    draw : callable, optional
-        Not used: the figure is made of the table.
     """
 
     out: Path
@@ -294,7 +292,15 @@ def _layout(grid: SweepGrid) -> runs.RunLayout:
 
 def _finish(run_folder: runs.RunFolder, job: runs.Job, grid: SweepGrid) -> None:
     """Make the files that need all points, from what is kept of them in the `run_folder`."""
-    table = _table(run_folder, grid)
+    # a row for each state of each point: the varied keys, and the columns of history.csv
+    table = columns_of(
+        grid.point(index)
+        | {"state": state, "status": more["status"], "reason": row["reason"]}
+        | {name: values[state] for name, values in row["history"].items() if name != "state"}
+        for index, (row, more) in enumerate(runs.rows(run_folder))
+        for state in range(run_folder.layout.shape["state"])
+    )
+    table["reason"] = table.pop("reason")  # the last
     if set(table["status"]) == {"failed"}:
         raise PhysicsError(
             "all_points_refused", count=run_folder.layout.count, reason=table["reason"][0]
@@ -321,18 +327,6 @@ def _finish(run_folder: runs.RunFolder, job: runs.Job, grid: SweepGrid) -> None:
     runs.add_columns(
         run_folder.results / runs.STORE, columns, coordinates, runs.attributes(job.identity)
     )
-
-
-def _table(run_folder: runs.RunFolder, grid: SweepGrid) -> dict[str, list[Any]]:
-    """A row for each state of each point: the varied keys, and the columns of history.csv."""
-    table = columns_of(
-        grid.point(index)
-        | {"state": state, "status": more["status"], "reason": row["reason"]}
-        | {name: values[state] for name, values in row["history"].items() if name != "state"}
-        for index, (row, more) in enumerate(runs.rows(run_folder))
-        for state in range(run_folder.layout.shape["state"])
-    )
-    return table | {"reason": table.pop("reason")}  # the last
 
 
 DRAWN = {"n_max": "largest fringe order", "p_max_mpa": "largest pressure (MPa)"}
