@@ -327,9 +327,16 @@ def of_light(reader: FrameReader, light: Survey) -> Iterator[Finding]:
         return
     full = linear.full_scale(reader.bit_depth)
     low, high = np.array(light.low), np.array(light.high)
-    clear = ~(np.isnan(light.largest) | (np.array(light.smallest) == np.array(light.largest)))
-    yield from _blank(light, full)
-    share = np.array(light.saturated)
+    small, large = np.array(light.smallest), np.array(light.largest)
+    empty, flat = np.isnan(large), small == large
+    yield from _frames("error", empty, message("no_number_nan_only"))
+    yield from _frames("error", flat & (large <= 0), message("all_black_light"))
+    yield from _frames("error", flat & (large >= full), message("all_white_lower_exposure"))
+    within = flat & (large > 0) & (large < full)
+    yield from _frames("error", within, message("constant_captured_frame"))
+    holes = (np.array(light.not_finite) > 0) & ~empty
+    yield from _frames("note", holes, message("some_pixels_not_finite"))
+    clear, share = ~(empty | flat), np.array(light.saturated)
     worst = message("saturated_up_pixels_which", max=100 * share.max())
     yield from _frames("warning", clear & (share > SATURATED), worst + "the exposure")
     weak = clear & (high - low < LOW_CONTRAST * full) & (share <= SATURATED)
@@ -354,19 +361,6 @@ def of_light(reader: FrameReader, light: Survey) -> Iterator[Finding]:
         unit = "of full scale" if reader.bit_depth is None else "grey levels"
         text = message("camera_noise_about_rounding", noise=np.median(light.noise), unit=unit)
         yield Finding("note", text)
-
-
-def _blank(light: Survey, full: float) -> Iterator[Finding]:
-    """Frames with nothing in them: no number, all black, all white, one value."""
-    small, large = np.array(light.smallest), np.array(light.largest)
-    empty, flat = np.isnan(large), small == large
-    yield from _frames("error", empty, message("no_number_nan_only"))
-    yield from _frames("error", flat & (large <= 0), message("all_black_light"))
-    yield from _frames("error", flat & (large >= full), message("all_white_lower_exposure"))
-    within = flat & (large > 0) & (large < full)
-    yield from _frames("error", within, message("constant_captured_frame"))
-    holes = (np.array(light.not_finite) > 0) & ~empty
-    yield from _frames("note", holes, message("some_pixels_not_finite"))
 
 
 def _frames(level: Level, where: np.ndarray, text: str) -> Iterator[Finding]:
@@ -495,10 +489,25 @@ class Check(Result):
         return {"ok": self.ok, "frames": self.count, "findings": rows}
 
     def figure(self) -> Figure:
-        """The light of each frame, see `light_figure`. Raises InputError where none was read."""
-        if self.light is None or not self.count:
+        """The span of the grey levels of each frame, and the share of its pixels at full scale."""
+        light = self.light
+        if light is None or not self.count:
             raise InputError("no_frame_read_there")
-        return light_figure(self.light)
+        figure = new_figure(7.5, 4.6)
+        panels: Any = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
+        levels, saturated = panels
+        frame = np.arange(len(light.low))
+        levels.fill_between(frame, light.low, light.high, color=LINE_COLOURS[0], alpha=0.3, lw=0)
+        look: Any = {"marker": "o", "ms": 3, "lw": LINE_PT}
+        for name, values in (("98 %", light.high), ("2 %", light.low)):
+            levels.plot(frame, values, color=LINE_COLOURS[0], **look)
+            beside = {"xytext": (5, -3), "textcoords": "offset points"}
+            levels.annotate(name, (frame[-1], values[-1]), **beside)
+        levels.margins(x=0.1)  # room for what stands beside the last
+        style_axes(levels, z_label="grey level", title="98 % and 2 % of the pixels are darker")
+        saturated.plot(frame, 100.0 * np.array(light.saturated), color=LINE_COLOURS[1], **look)
+        style_axes(saturated, x_label="frame", z_label="saturated (% of pixels)")
+        return figure
 
     @property
     def ok(self) -> bool:
@@ -569,22 +578,3 @@ def _of_file(reader: FrameReader, scene: Scene) -> Iterator[Finding]:
         yield Finding("note", message("compressed_loss_which_hides", names=names[0]))
     if scene.frames.gamma == 1 and (lossy or reader.kind == "video" or reader.channel is not None):
         yield Finding("note", message("frames_gamma_says_grey"))
-
-
-def light_figure(light: Survey) -> Figure:
-    """The span of the grey levels of each frame, and the share of its pixels at full scale."""
-    figure = new_figure(7.5, 4.6)
-    panels: Any = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
-    levels, saturated = panels
-    frame = np.arange(len(light.low))
-    levels.fill_between(frame, light.low, light.high, color=LINE_COLOURS[0], alpha=0.3, lw=0)
-    for name, values in (("98 %", light.high), ("2 %", light.low)):
-        levels.plot(frame, values, color=LINE_COLOURS[0], marker="o", ms=3, lw=LINE_PT)
-        look: Any = {"textcoords": "offset points"}
-        levels.annotate(name, (frame[-1], values[-1]), xytext=(5, -3), **look)
-    levels.margins(x=0.1)  # room for what stands beside the last
-    style_axes(levels, z_label="grey level", title="98 % and 2 % of the pixels are darker")
-    share = 100.0 * np.array(light.saturated)
-    saturated.plot(frame, share, color=LINE_COLOURS[1], marker="o", ms=3, lw=LINE_PT)
-    style_axes(saturated, x_label="frame", z_label="saturated (% of pixels)")
-    return figure

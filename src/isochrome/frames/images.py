@@ -64,21 +64,16 @@ def signature_of(path: Path) -> Signature:
         return Signature("tiff", "TIFF")
     if container is not None and head[8:12] not in _PHOTOGRAPHS:
         return Signature("video", container)
-    if (name := _image(head)) is not None:
-        return Signature("image", name)
-    raise InputError("not_image_video_kind", path=path, seems=_seems(head))
-
-
-def _image(head: bytes) -> str | None:
     from PIL import Image
 
     Image.init()
     accepts: Any = {name: Image.OPEN[name][1] for name in FORMATS}
     start = head[:16].ljust(16, b"\0")  # which Pillow takes for granted
     name = next((name for name in FORMATS if accepts[name](start)), None)
-    if name == "PPM":  # Pillow takes any text that begins so
-        return "Netpbm" if head[2:3].isspace() or head[2:3] == b"#" else None
-    return "WebP" if name == "WEBP" else name
+    # of Netpbm Pillow takes any text that begins so
+    if name is None or (name == "PPM" and not (head[2:3].isspace() or head[2:3] == b"#")):
+        raise InputError("not_image_video_kind", path=path, seems=_seems(head))
+    return Signature("image", {"PPM": "Netpbm", "WEBP": "WebP"}.get(name, name))
 
 
 def _seems(head: bytes) -> str:

@@ -443,22 +443,17 @@ def find_outliers(image: np.ndarray, finite: Mask | None = None) -> Mask:
     # of whole levels a difference below nought is nought, which is no excess either
     spread = cv2.subtract(high, low)
     excess = cv2.max(cv2.subtract(centre, high), cv2.subtract(low, centre))
+    if values.shape[1] < 8:  # around noise alone the second extremes lie about 1.7 sigmas apart
+        sigma = float(np.median(spread)) / 1.7
+    else:  # from the median fourth difference along rows, which is blind to fringes
+        mixed = np.diff(values[::4].astype(np.float32), 4, axis=1)
+        sigma = float(np.median(np.abs(mixed))) * 1.4826 / float(np.linalg.norm(FOURTH))
     quantum = 1.0 if image.dtype.kind in "ui" else 0.0
-    step = max(OUTLIER_SIGMAS * _rough_sigma(values, spread), 2 * quantum)
+    step = max(OUTLIER_SIGMAS * sigma, 2 * quantum)
     limit = values.dtype.type(min(math.floor(step), most) if integral else step)
     outliers = np.zeros(image.shape, bool)
     outliers[1:-1, 1:-1] = (excess > spread) & (excess > limit)
     return outliers
-
-
-def _rough_sigma(values: np.ndarray, spread: np.ndarray) -> float:
-    """Noise sigma from the median fourth difference along rows; of narrow pictures by `spread`."""
-    if values.shape[1] < 8:
-        # around noise alone the second extremes lie about 1.7 sigmas apart
-        return float(np.median(spread)) / 1.7
-    v = values[::4].astype(np.float32)
-    mixed = np.diff(v, 4, axis=1)
-    return float(np.median(np.abs(mixed))) * 1.4826 / float(np.linalg.norm(FOURTH))
 
 
 @dataclass(frozen=True)

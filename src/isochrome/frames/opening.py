@@ -92,7 +92,17 @@ def _of_file(
 
 def _of_image(path: Path | ArrayFrames) -> Mask:
     """An image's nonzero pixels, (row, col)."""
-    values = _values(path)
+    if isinstance(path, ArrayFrames):
+        if path.count != 1 or path.dtype.kind not in "biuf":
+            raise InputError("frames_mask_one_picture", path=path)
+        values = path.frame(0)
+    elif not path.is_file():
+        raise InputError("frames_mask_no_such", path=path)
+    elif (signature := signature_of(path)).name == "JPEG":
+        raise InputError("frames_mask_compressed_loss", path=path)
+    else:
+        is_tiff = signature.kind == "tiff"
+        values = tiff.read_single(path, inverted_too=True) if is_tiff else read_image(path)
     values = np.nan_to_num(values if values.ndim == 2 else values.max(axis=2))
     inside = np.asarray(values != 0)
     partly = inside & (values != values.max())
@@ -101,21 +111,6 @@ def _of_image(path: Path | ArrayFrames) -> Mask:
     if inside.all():
         raise InputError("frames_mask_has_no", path=path)
     return inside
-
-
-def _values(path: Path | ArrayFrames) -> np.ndarray:
-    if isinstance(path, ArrayFrames):
-        if path.count != 1 or path.dtype.kind not in "biuf":
-            raise InputError("frames_mask_one_picture", path=path)
-        return path.frame(0)
-    if not path.is_file():
-        raise InputError("frames_mask_no_such", path=path)
-    signature = signature_of(path)
-    if signature.name == "JPEG":
-        raise InputError("frames_mask_compressed_loss", path=path)
-    if signature.kind == "tiff":
-        return tiff.read_single(path, inverted_too=True)
-    return read_image(path)
 
 
 def _of_polygon(corners: Sequence[tuple[float, float]], shape: tuple[int, int], key: str) -> Mask:

@@ -347,13 +347,14 @@ class FrameReader:
             return
         with closing(self._source.frames(start)) as frames:  # and with them the file
             for frame in frames:
-                yield replace(frame, image=self._prepare(frame, frame.index), mask=self.mask)
+                yield replace(frame, image=self._prepare(frame), mask=self.mask)
                 if frame.index + 1 == stop:
                     return
         if stop is not None:
             raise InputError("ends_before_frame_changed", path=self.path, stop=stop - 1)
 
-    def _prepare(self, frame: Frame, index: int) -> np.ndarray:
+    def _prepare(self, frame: Frame) -> np.ndarray:
+        """A frame turned, cut and of one channel; values that no such sensor gives are refused."""
         image = as_turned(frame.image, *self._turn)
         if self.roi is not None:
             top, left_px = self.roi.top_px, self.roi.left_px
@@ -363,7 +364,17 @@ class FrameReader:
                 image = image.mean(axis=2, dtype=np.float32)
             else:
                 image = image[..., CHANNELS.index(self.channel or "green")]
-        _check_range(image, self.bit_depth, f"frame {index} ({frame.name})")
+        label, bits = f"frame {frame.index} ({frame.name})", self.bit_depth
+        integral, full = image.dtype.kind == "u", 1.0 if bits is None else 2.0**bits - 1.0
+        values = image if integral else image[np.isfinite(image)]
+        if not integral and values.min(initial=0.0) < -_DARKEST * full:
+            raise InputError("holds_value_light_more", label=label, min=values.min())
+        # a type of as many bits holds no larger value, and need not be searched
+        searched = bits is not None and not (integral and bits >= 8 * image.dtype.itemsize)
+        if searched and (top := values.max(initial=0)) > full:
+            raise InputError(
+                "holds_value_bits_end", label=label, top=top, bit_depth=bits, bit_depth_2=int(full)
+            )
         return np.ascontiguousarray(image)
 
     def count(self, *, decode: bool = True) -> int:
@@ -400,20 +411,3 @@ class FrameReader:
         self._running: weakref.WeakSet[Generator[Frame]] = weakref.WeakSet()
         self._open = threading.local()
         self.__dict__.update(state)
-
-
-def _check_range(image: np.ndarray, bit_depth: int | None, label: str) -> None:
-    """Refuse values that a sensor of this bit depth cannot give."""
-    integral = image.dtype.kind == "u"
-    values = image if integral else image[np.isfinite(image)]
-    full = 1.0 if bit_depth is None else 2.0**bit_depth - 1.0
-    if not integral and values.min(initial=0.0) < -_DARKEST * full:
-        raise InputError("holds_value_light_more", label=label, min=values.min())
-    if bit_depth is None or (integral and bit_depth >= 8 * image.dtype.itemsize):
-        return
-    top = values.max(initial=0)
-    if top > 2**bit_depth - 1:
-        most = 2**bit_depth - 1
-        raise InputError(
-            "holds_value_bits_end", label=label, top=top, bit_depth=bit_depth, bit_depth_2=most
-        )

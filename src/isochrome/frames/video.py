@@ -479,26 +479,21 @@ def open_container(path: Path) -> Iterator[tuple[Any, Any]]:
             if len(streams) != 1:
                 raise InputError("holds_video_streams_one", path=path, streams_count=len(streams))
             stream = streams[0]
-            _check_stream(stream, path)
             context = stream.codec_context
+            if context is None:
+                raise InputError("codec_not_known_save", path=path)
+            if context.height <= 0 or context.width <= 0:  # FFmpeg keeps no size it will not decode
+                raise InputError("names_no_frame_size", path=path, max_pixels=reading.MAX_PIXELS)
+            reading.check_size(path, context.height, context.width, PIXEL_BYTES)
+            aspect = stream.sample_aspect_ratio
+            across, down = (aspect.numerator, aspect.denominator) if aspect else (1, 1)
+            if min(across, down) > 0 and across != down:
+                raise InputError("says_pixels_not_square", path=path, across=across, down=down)
             context.options = DECODE | (PATIENCE if context.name == "h264" else {})
             context.thread_count = 1
         yield container, stream
     finally:
         container.close()
-
-
-def _check_stream(stream: Any, path: Path) -> None:
-    context = stream.codec_context
-    if context is None:
-        raise InputError("codec_not_known_save", path=path)
-    if context.height <= 0 or context.width <= 0:  # FFmpeg keeps no size that it will not decode
-        raise InputError("names_no_frame_size", path=path, max_pixels=reading.MAX_PIXELS)
-    reading.check_size(path, context.height, context.width, PIXEL_BYTES)
-    aspect = stream.sample_aspect_ratio
-    across, down = (aspect.numerator, aspect.denominator) if aspect else (1, 1)
-    if min(across, down) > 0 and across != down:
-        raise InputError("says_pixels_not_square", path=path, across=across, down=down)
 
 
 def _decode(packet: Any, clock: _Clock, path: Path, count: int) -> list[Any]:
