@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from itertools import chain, count, product
 from pathlib import Path
 from string import ascii_lowercase
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +33,7 @@ from isochrome.figures.style import (
     new_figure,
     write_head,
 )
-from isochrome.output import replacing, write_csv
+from isochrome.output import Result, replacing, write_csv
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -137,17 +137,6 @@ class PaperPanels:
     plots_across: int = 3  # most plots beside each other
     legend: Sequence[str] = ()  # names of the lines, where the plots share one legend, below them
     notes: Sequence[str] = ()  # the panels' numbers and what holds for all, a paragraph each
-
-
-class WithPanels(Protocol):
-    """A result that can be drawn for a paper."""
-
-    @property
-    def title(self) -> str:
-        """What it is, in a line."""
-
-    def panels(self, frames: tuple[int, ...] | None = None) -> PaperPanels:
-        """Give the panels of some of its frames."""
 
 
 def chosen_frames(
@@ -361,7 +350,7 @@ def fold(text: str, room_mm: float) -> str:
     return textwrap.fill(held, max(12, int(room_mm / _LETTER_MM)), break_on_hyphens=False)
 
 
-def paper_figure(result: WithPanels, style: FigureStyle | None = None) -> Figure:
+def paper_figure(result: Result, style: FigureStyle | None = None) -> Figure:
     """Draw a result for a paper, laid out for the width of a journal's column.
 
     All letters have 8 pt at the final size. Pictures have a scale bar, where their scale is known,
@@ -395,7 +384,7 @@ def paper_figure(result: WithPanels, style: FigureStyle | None = None) -> Figure
     return figure_for_page(result, style or FigureStyle())[0]
 
 
-def figure_for_page(result: WithPanels, style: FigureStyle) -> tuple[Figure, tuple[str, ...]]:
+def figure_for_page(result: Result, style: FigureStyle) -> tuple[Figure, tuple[str, ...]]:
     """Draw `paper_figure`, and give the titles of the plots that have no room on the page."""
     make = getattr(result, "panels", None)
     if make is None:
@@ -680,7 +669,7 @@ _UNDATED = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}
 
 
 def save_figure(
-    result: WithPanels, path: str | Path, style: FigureStyle | None = None
+    result: Result, path: str | Path, style: FigureStyle | None = None
 ) -> tuple[Path, ...]:
     """Write a result's figure for a paper, and beside it the data of each plot as CSV.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from functools import partial
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from isochrome.errors import InputError
 from isochrome.figures import style
 from isochrome.figures.paper import ENVELOPE, Plot, data_name
-from isochrome.output import FrameValues
+from isochrome.output import FittedResult, FrameValues
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -275,15 +275,7 @@ def plot_frame(
     return drawn
 
 
-class WithFrameValues(Protocol):
-    """A result with values of each frame: of `process`, `fit` or `track`."""
-
-    @property
-    def over_frames(self) -> FrameValues:
-        """The values."""
-
-
-def plot_over_distance(result: WithFrameValues, key: str, axes: Axes | None = None) -> Axes:
+def plot_over_distance(result: FittedResult, key: str, axes: Axes | None = None) -> Axes:
     """Draw a fitted value over the sliding distance, or the frames, with its band of 2 u.
 
     Frames that stand still are squares at the distance 0; frames without distances are counted.

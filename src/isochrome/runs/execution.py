@@ -45,9 +45,9 @@ from isochrome.runs.store import WORKING, create_store
 from isochrome.runs.workers import (
     Finished,
     WorkersLost,
-    alone,
     by_cluster,
     by_processes,
+    compute,
     keep_steady,
     processors,
 )
@@ -550,7 +550,7 @@ def _finished(
     workers = 1 if job.in_turn else options.workers
     if workers is None:
         start = time.perf_counter()
-        yield from alone(work, run, todo[:1])
+        yield todo[0], compute(work, run, todo[0])
         todo = todo[1:]
         remaining_s = (time.perf_counter() - start) * len(todo)
         workers = processors() if remaining_s > WORTH_WORKERS_S else 1
@@ -558,7 +558,7 @@ def _finished(
     if workers > 1:
         yield from by_processes(work, run, todo, workers)
     else:
-        yield from alone(work, run, todo)
+        yield from ((index, compute(work, run, index)) for index in todo)
 
 
 Stamps = Mapping[Path, tuple[int, int]]

@@ -67,21 +67,12 @@ class NoCluster(InputError):
     """The Dask cluster cannot be had, whatever is to be computed on it."""
 
 
-def alone(work: Work, run: RunFolder, chunks: Sequence[int]) -> Generator[Finished]:
-    """Compute chunks here, while the one before is written; each index with what was kept."""
-    with futures.ThreadPoolExecutor(1) as writer, single_threaded():
-        writing: tuple[int, futures.Future[ChunkRecord]] | None = None
-        for index in chunks:
-            try:
-                results = work(*run.layout.span(index))
-            finally:
-                if writing is not None:  # it is finished, whatever became of this one
-                    yield writing[0], writing[1].result()
-            writing = index, writer.submit(keep, run, index, results)
-            del results  # written, it is let go, while the next is computed
-            trim_heap()
-        if writing is not None:
-            yield writing[0], writing[1].result()
+def compute(work: Work, run: RunFolder, index: int) -> ChunkRecord:
+    """Compute a chunk and put it down; what is kept of it."""
+    with single_threaded():
+        record = keep(run, index, work(*run.layout.span(index)))
+    trim_heap()
+    return record
 
 
 def by_processes(
@@ -95,9 +86,7 @@ def by_processes(
     # once for all chunks, as it may know all frames' places; here it can be said that it fails
     task = pickle.dumps((work, run))
     with worker_pool(workers, task) as pool:
-        yield from in_flight(
-            lambda index: pool.submit(_alone_in_worker, index), chunks, 2 * workers
-        )
+        yield from in_flight(lambda index: pool.submit(_in_worker, index), chunks, 2 * workers)
 
 
 @contextmanager
@@ -195,12 +184,9 @@ def _start_worker(task: bytes) -> None:
     _TASK[:] = pickle.loads(task) if task else ()
 
 
-def _alone_in_worker(index: int) -> ChunkRecord:
+def _in_worker(index: int) -> ChunkRecord:
     work, run = _TASK
-    with single_threaded():
-        record = keep(run, index, work(*run.layout.span(index)))
-    trim_heap()
-    return record
+    return compute(work, run, index)
 
 
 def _elsewhere(work: Work, span: tuple[int, int], expected: dict[str, Any]) -> Results:
