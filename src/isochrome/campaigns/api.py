@@ -279,15 +279,7 @@ def _panels(every: Sequence[Outcome], rows: Sequence[int]) -> figures.PaperPanel
         colours = list(colormaps[figures.VALUE_MAP](np.linspace(0.0, 0.92, len(chosen))))
 
     def over(key: str, axes: Axes) -> None:
-        """Means with the scatter over the frames; a cross at the foot where nothing was found."""
-        for place, (item, colour) in enumerate(zip(chosen, colours, strict=True)):
-            if (mean := item.row.get(f"{key} mean")) is None:
-                look: Any = {"transform": axes.get_xaxis_transform(), "clip_on": False}
-                axes.plot(place, 0.03, "x", color=figures.GREY, ms=5, **look)
-                continue
-            look = {"color": colour, "ms": 4.5, "capsize": 3, "lw": figures.LINE_PT}
-            scatter = item.row[f"{key} standard_deviation"] or 0.0
-            axes.errorbar(place, mean, yerr=scatter, fmt="o", **look)
+        _over_recordings(axes, key, chosen, colours)
         # below the axis, which rows of the summary the recordings are, from 1
         places = range(0, len(rows), -(-len(rows) // 8))
         axes.set_xlim(-0.6, len(rows) - 0.4)
@@ -295,17 +287,7 @@ def _panels(every: Sequence[Outcome], rows: Sequence[int]) -> figures.PaperPanel
         figures.style_axes(axes, x_label="recording", z_label=figures.KEY_LABELS[key])
 
     def within(key: str, axes: Axes) -> None:
-        """The key's course in each recording."""
-        for item, colour in zip(chosen, colours, strict=True):
-            if key not in item.curves:
-                continue
-            x, y = item.curves[across], item.curves[key]
-            look: Any = {"marker": "o" if len(x) < 15 else None, "ms": 3}
-            if len(chosen) <= _BANDED:
-                spread = item.curves[f"{key} {SPREAD}"]
-                figures.draw_band(axes, x, y, spread, colour=colour, lw=figures.LINE_PT, **look)
-            else:
-                axes.plot(x, y, color=colour, lw=figures.FINE_PT, alpha=0.7, **look)
+        _within(axes, key, chosen, colours, across)
         figures.style_axes(axes, x_label=label, z_label=figures.KEY_LABELS[key])
 
     draws = (("mean", over), ("each frame", within))
@@ -315,6 +297,40 @@ def _panels(every: Sequence[Outcome], rows: Sequence[int]) -> figures.PaperPanel
     named = [f"{k + 1} {figures.plain_name(str(every[k].row['folder']), _LETTERS)}" for k in rows]
     note = "Recordings: " + ("; ".join(named) if len(rows) <= _NAMED else "as in summary.csv")
     return figures.PaperPanels(plots=plots, plots_across=2, notes=(note,))
+
+
+def _over_recordings(
+    axes: Axes, key: str, outcomes: Sequence[Outcome], colours: Sequence[Any]
+) -> None:
+    """Means with the scatter over the frames; a cross at the foot where nothing was found."""
+    for place, (item, colour) in enumerate(zip(outcomes, colours, strict=True)):
+        mean = item.row.get(f"{key} mean")
+        if mean is None:
+            foot = axes.get_xaxis_transform()
+            axes.plot(place, 0.03, "x", color=figures.GREY, ms=5, transform=foot, clip_on=False)
+            continue
+        scatter = item.row[f"{key} standard_deviation"] or 0.0
+        axes.errorbar(
+            place, mean, yerr=scatter, fmt="o", color=colour, ms=4.5, capsize=3, lw=figures.LINE_PT
+        )
+
+
+def _within(
+    axes: Axes, key: str, outcomes: Sequence[Outcome], colours: Sequence[Any], across: str
+) -> None:
+    """A key's course in each recording."""
+    for item, colour in zip(outcomes, colours, strict=True):
+        if key not in item.curves:
+            continue
+        x, y = item.curves[across], item.curves[key]
+        marker = "o" if len(x) < 15 else None
+        if len(outcomes) <= _BANDED:
+            spread = item.curves[f"{key} {SPREAD}"]
+            figures.draw_band(
+                axes, x, y, spread, colour=colour, lw=figures.LINE_PT, marker=marker, ms=3
+            )
+        else:
+            axes.plot(x, y, color=colour, lw=figures.FINE_PT, alpha=0.7, marker=marker, ms=3)
 
 
 _LAST = ("kept_share", "warnings", "error")

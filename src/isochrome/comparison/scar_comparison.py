@@ -512,7 +512,8 @@ def _traces(
     wrong = [distance for _, distance in rows if not 0.0 < distance < np.inf]
     if wrong or not rows:
         raise InputError("distances_traces_give_traces", wrong=wrong)
-    return [file for file, _ in rows], [distance for _, distance in rows]
+    files, distances = zip(*rows, strict=True)
+    return list(files), list(distances)
 
 
 def _paired(

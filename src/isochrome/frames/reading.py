@@ -237,21 +237,6 @@ class FrameReader:
     It holds no open file between iterations, so that it may be handed to other processes, with
     what `count` has learnt of the places of a video's frames.
 
-    Parameters
-    ----------
-    source : Source
-        What the file's head tells, and how to read it.
-    path : str, Path, sequence of them or ArrayFrames
-        Where the frames are.
-    channel : {'red', 'green', 'blue', 'mean'} or None
-        Channel to take of a colour source.
-    turn : tuple of (int, str or None)
-        Quarter turns of each picture, degrees, and how it is mirrored then, see `as_turned`.
-    roi : Roi or None
-        The part of each turned picture to yield; None: all of it.
-    bit_depth : int or None
-        Bits of the sensor; None for float frames, which are fractions of full scale.
-
     Attributes
     ----------
     path : str, Path, sequence of them or ArrayFrames
@@ -292,6 +277,7 @@ class FrameReader:
         roi: Roi | None,
         bit_depth: int | None,
     ) -> None:
+        """`turn`, quarter turns (degrees) and mirroring; `roi`, the part of the turned picture."""
         form, self.kind = source.form, source.kind
         self.path, self.roi, self.bit_depth, self._turn = path, roi, bit_depth, turn
         rows, cols = form.shape

@@ -86,28 +86,9 @@ def write_frames(
 
     order = dtype.newbyteorder("<")  # tifffile takes an iterator's frames as they are
     swapped = (frame.astype(order, copy=False) for frame in frames)
-    size = int(np.prod(shape, dtype=np.int64)) * order.itemsize
-    # up to 4 GB in ImageJ's layout, which has colour of 8 bits alone; beyond, a BigTIFF
-    imagej = size < IMAGEJ_LIMIT and min(shape[1:3]) > 1  # tifffile turns single columns over
-    imagej &= photometric != "rgb" or order == np.uint8
-    keys: dict[str, Any] = {"photometric": photometric, "metadata": None}
-    if imagej:
-        unit = {} if pixel_mm is None else {"unit": "mm"}
-        view = dict(metadata or {})
-        if photometric == "rgb":  # its colours are its own
-            view = {key: view[key] for key in _OF_COLOURS if key in view}
-        keys["metadata"] = {"axes": "TYXS"[: len(shape)], **view, **unit}
-        if "LUTs" in view and order.itemsize > 1:
-            # ImageJ takes its own LUTs for composites alone, and one channel's from the first page
-            colours = (257 * view["LUTs"][0].astype(np.uint16)).ravel().tolist()
-            keys["extratags"] = [(_COLOUR_MAP, _SHORT, len(colours), tuple(colours), True)]
-    if pixel_mm is not None:
-        per_unit = 1 / pixel_mm if imagej else 10 / pixel_mm
-        keys |= {"resolution": (per_unit, per_unit)}
-        keys |= {} if imagej else {"resolutionunit": "CENTIMETER"}
-    kind: Any = {"imagej": imagej, "bigtiff": size >= IMAGEJ_LIMIT, "byteorder": "<"}
+    kind, keys = _stack_layout(shape, order, pixel_mm, photometric, metadata)
     with replacing(path) as beside, tifffile.TiffWriter(beside, **kind) as tif:
-        if imagej:
+        if kind["imagej"]:
             tif.write(swapped, shape=shape, dtype=order, **keys)
         else:
             for frame in swapped:
@@ -156,6 +137,39 @@ def imagej_view(
     if steps.size and np.isfinite(steps).all() and np.ptp(steps) <= 1e-3 * abs(steps.mean()):
         view |= {"finterval": float(steps.mean()), "tunit": "s"}
     return view
+
+
+def _stack_layout(
+    shape: tuple[int, ...],
+    dtype: np.dtype,
+    pixel_mm: float | None,
+    photometric: Photometric,
+    metadata: Mapping[str, Any] | None,
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The arguments of tifffile's TiffWriter and of its `write`: up to 4 GB in ImageJ's layout.
+
+    Beyond, and in colour of more than 8 bits, a BigTIFF or TIFF whose scale is in pixels per
+    centimetre.
+    """
+    size = int(np.prod(shape, dtype=np.int64)) * dtype.itemsize
+    imagej = size < IMAGEJ_LIMIT and min(shape[1:3]) > 1  # tifffile turns single columns over
+    imagej &= photometric != "rgb" or dtype == np.uint8
+    keys: dict[str, Any] = {"photometric": photometric, "metadata": None}
+    if imagej:
+        unit = {} if pixel_mm is None else {"unit": "mm"}
+        view = dict(metadata or {})
+        if photometric == "rgb":  # its colours are its own
+            view = {key: view[key] for key in _OF_COLOURS if key in view}
+        keys["metadata"] = {"axes": "TYXS"[: len(shape)], **view, **unit}
+        if "LUTs" in view and dtype.itemsize > 1:
+            # ImageJ takes its own LUTs for composites alone, and one channel's from the first page
+            colours = (257 * view["LUTs"][0].astype(np.uint16)).ravel().tolist()
+            keys["extratags"] = [(_COLOUR_MAP, _SHORT, len(colours), tuple(colours), True)]
+    if pixel_mm is not None:
+        per_unit = 1 / pixel_mm if imagej else 10 / pixel_mm
+        keys |= {"resolution": (per_unit, per_unit)}
+        keys |= {} if imagej else {"resolutionunit": "CENTIMETER"}
+    return {"imagej": imagej, "bigtiff": size >= IMAGEJ_LIMIT, "byteorder": "<"}, keys
 
 
 _MICRONS = ("um", "µm", "μm", "\\u00b5m", "micron", "microns")

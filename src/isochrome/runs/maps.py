@@ -76,11 +76,6 @@ class RunArray(_OnePlace, xarray.DataArray):
 
     Of two maps pixels of one place are added, subtracted, compared; maps of other places are
     refused (InputError).
-
-    Parameters
-    ----------
-    data, coords, dims, name, attrs, indexes, fastpath : Any
-        As xarray.DataArray takes them.
     """
 
     __slots__ = ()
@@ -92,13 +87,7 @@ class RunArray(_OnePlace, xarray.DataArray):
 
 
 class RunDataset(_OnePlace, xarray.Dataset):
-    """What a run found: an xarray.Dataset of RunArrays, and as these of one place.
-
-    Parameters
-    ----------
-    data_vars, coords, attrs : Any
-        As xarray.Dataset takes them.
-    """
+    """What a run found: an xarray.Dataset of RunArrays, and as these of one place."""
 
     __slots__ = ()
 
