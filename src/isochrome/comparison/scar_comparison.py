@@ -437,7 +437,7 @@ class ScarComparison(output.Result):
             plots.append(plot(name, partial(overlay, row=row)))
             gap = partial(_draw_gap, row=row)
             plots.append(plot(f"{name}, measured − simulated", gap, down=False))
-            notes.append(f"{_area_text(row)}; {_difference_text(row)}.")
+            notes.append(_note(row))
         notes.append(f"Bands: ± {figures.BAND:g} standard uncertainties.")
         return figures.PaperPanels(plots=plots, plots_across=2, notes=notes)
 
@@ -575,27 +575,21 @@ def _draw_gap(axes: Axes, row: _Row) -> None:
     figures.style_axes(axes, z_label="difference (µm)")
 
 
-def _area_text(row: _Row) -> str:
-    """Worn areas, in 1e-3 mm²: the mean of the traces' beside the simulated one."""
+def _note(row: _Row) -> str:
+    """Worn areas, in 1e-3 mm², the mean of the traces' beside the simulated one; the difference."""
     scar, traces, _ = row
     model = simulated_text(
         1e3 * scar.worn_area_mm2, 1e3 * float(root_sum_square(scar.moved_area_mm2))
     )
     head = f"{scar.distance_m:g} m: worn area (1e-3 mm²)"
     if not traces:
-        return f"{head}: no clear scar, simulated {model}"
+        nothing = message("measured_simulated_nothing_compare")
+        return f"{head}: no clear scar, simulated {model}; {nothing}."
     area = [1e3 * pair.trace.worn_area_mm2 for _, pair in traces]
     spread = [1e3 * pair.trace.worn_area_uncertainty_mm2 for _, pair in traces]
     text = output.with_uncertainty(
         float(np.mean(area)), float(np.hypot.reduce(spread)) / len(spread)
     )
-    return f"{head} {text}, simulated {model}"
-
-
-def _difference_text(row: _Row) -> str:
-    traces = row[1]
-    if not traces:
-        return message("measured_simulated_nothing_compare")
-    rms = np.mean([pair.rms_um for _, pair in traces])
-    chi = np.mean([pair.chi for _, pair in traces])
-    return f"measured − simulated: {rms:.2g} µm rms, χ = {chi:.2f}"
+    rms, chi = np.mean([(pair.rms_um, pair.chi) for _, pair in traces], axis=0)
+    gap = f"measured − simulated: {rms:.2g} µm rms, χ = {chi:.2f}"
+    return f"{head} {text}, simulated {model}; {gap}."

@@ -219,7 +219,8 @@ def _curves(axes: Axes) -> Iterator[tuple[str, Array, dict[str, Array]]]:
         x, y = _points(line)
         if line in held or line.get_transform() != axes.transData or not len(x):
             continue
-        same = [b for b in bands if _colour(b) == [*to_rgb(line.get_color())]]
+        colour = [*to_rgb(line.get_color())]
+        same = [b for b in bands if np.ravel(b.get_facecolor())[:3].tolist() == colour]
         bands = [band for band in bands if band not in same]
         values = {"": y}
         for band in same:
@@ -249,11 +250,6 @@ def _bars(axes: Axes, bars: Any) -> Iterator[tuple[str, Array, dict[str, Array]]
     widths = np.array([patch.get_width() for patch in bars.patches], dtype=float)
     if len(names) == len(widths):
         yield "", np.array(names)[::-1], {"": widths[::-1]}
-
-
-def _colour(band: Any) -> list[float]:
-    """The colour of a band; of an empty one, none."""
-    return list(np.ravel(band.get_facecolor())[:3].tolist())
 
 
 def _ends(band: Any, x: Array) -> dict[str, Array]:

@@ -258,7 +258,21 @@ def sweep(
     """
     scene = load_scene(scene)
     grid = make_grid(scene, vary)
-    layout = _layout(grid)
+    # the dataset's form is the same at all points
+    first = grid.scene_at(0)
+    if not first.has_model or first.camera is None:
+        raise InputError("sweep_needs_model_camera", name=first.name)
+    forms = {
+        (state_count(point), pixels.rows, pixels.cols, point.polariscope.step_numbers)
+        for point in map(grid.scene_at, range(math.prod(grid.counts.values())))
+        for pixels in [pixel_grid(point)]
+    }
+    if len(forms) > 1:
+        raise InputError("vary_changes_number_states", values=", ".join(grid.values))
+    ((states, rows_, cols, steps),) = forms
+    layers = (ORDER, GREY) if steps == (None,) and not first.camera.colour else (ORDER,)
+    shape = {"state": states, "row": rows_, "col": cols}
+    layout = runs.RunLayout(axes=grid.counts, shape=shape, layers=layers, chunk=1)
     seed = scene.camera.seed if scene.camera else None
     axes = {key: list(values) for key, values in grid.values.items()}
     identity = runs.run_identity(dump_scene(scene), scene.files(of_frames=False), axes, seed)
@@ -268,26 +282,6 @@ def sweep(
     with runs.open_run(out) as dataset:
         reasons = [str(text) for text in dataset.reason.values.ravel() if text]
     return Swept(Path(out), layout.count, len(reasons), grid.values, tuple(dict.fromkeys(reasons)))
-
-
-def _layout(grid: SweepGrid) -> runs.RunLayout:
-    """The dataset's form, the same at all points. Raises InputError where it is not."""
-    count = int(np.prod(list(grid.counts.values())))
-    first = grid.scene_at(0)
-    if not first.has_model or first.camera is None:
-        raise InputError("sweep_needs_model_camera", name=first.name)
-    forms = {
-        (state_count(scene), pixels.rows, pixels.cols, scene.polariscope.step_numbers)
-        for scene in map(grid.scene_at, range(count))
-        for pixels in [pixel_grid(scene)]
-    }
-    if len(forms) > 1:
-        raise InputError("vary_changes_number_states", values=", ".join(grid.values))
-    ((states, rows_, cols, steps),) = forms
-    plain = steps == (None,) and not first.camera.colour
-    layers = (ORDER, GREY) if plain else (ORDER,)
-    shape = {"state": states, "row": rows_, "col": cols}
-    return runs.RunLayout(axes=grid.counts, shape=shape, layers=layers, chunk=1)
 
 
 def _finish(run_folder: runs.RunFolder, job: runs.Job, grid: SweepGrid) -> None:
