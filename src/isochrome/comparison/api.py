@@ -265,19 +265,19 @@ def comparison_report(
     metrics, columns = result.metrics, result.columns
     chosen = reporting.choose_frames(columns["rmse"], columns["rmse"])
     pairs = frame_pairs(experiment, simulation)
-    rows = [(*pairs[one.number], metrics[one.number]) for one in chosen]
+    rows = [(*pairs[k], metrics[k]) for k in chosen]
     panes, place = _panes_of(experiment, simulation, rows)
     frames = [
         reporting.ReportFrame(
             number=numbers.frame,
             label=numbers.label,
-            why=one.why.replace("chi", "difference"),
+            why=why.replace("chi", "difference"),
             panes=panes[row],
             order=None if experiment.order is None else experiment.order[i],
             model_order=None if simulation.order is None else simulation.order[j],
             **place,
         )
-        for row, (one, (i, j, numbers)) in enumerate(zip(chosen, rows, strict=True))
+        for row, (why, (i, j, numbers)) in enumerate(zip(chosen.values(), rows, strict=True))
     ]
     few = ", for the reason that stands beside each" if len(chosen) < len(metrics) else ""
     parts = []

@@ -44,16 +44,8 @@ MOST_FRAMES = 8
 """Frames in a report or figure: of a usual picture so many are shown pixel by pixel in 10 MB."""
 
 
-@dataclass(frozen=True)
-class ChosenFrame:
-    """A frame that a report shows."""
-
-    number: int  # among those it was chosen from, from 0
-    why: str  # empty where all are shown
-
-
-def choose_frames(chi: ArrayLike, order: ArrayLike) -> list[ChosenFrame]:
-    """Choose the frames that a report shows by chi and largest order, which may be NaN.
+def choose_frames(chi: ArrayLike, order: ArrayLike) -> dict[int, str]:
+    """The frames that a report shows, and why, by chi and largest order, which may be NaN.
 
     All, or the first and the last, the one that its model describes worst, the one with the largest
     order, and between them evenly spaced ones.
@@ -61,7 +53,7 @@ def choose_frames(chi: ArrayLike, order: ArrayLike) -> list[ChosenFrame]:
     worst, largest = np.asarray(chi, float), np.asarray(order, float)
     count = len(worst)
     if count <= MOST_FRAMES:
-        return [ChosenFrame(k, "") for k in range(count)]
+        return dict.fromkeys(range(count), "")
     why = {0: "the first", count - 1: "the last"}
     for values, reason in ((worst, "the largest chi"), (largest, "the largest order")):
         if np.isfinite(values).any():
@@ -71,7 +63,7 @@ def choose_frames(chi: ArrayLike, order: ArrayLike) -> list[ChosenFrame]:
         number = next((k for k in range(round(place), count) if k not in why), None)
         if number is not None:
             why[number] = "evenly spaced"
-    return [ChosenFrame(k, why[k]) for k in sorted(why)]
+    return dict(sorted(why.items()))
 
 
 Array = NDArray[Any]
