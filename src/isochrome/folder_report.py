@@ -122,7 +122,6 @@ def _kind(place: Path) -> tuple[str, str]:
 
 
 def _content(place: Path, file: str, record: Mapping[str, Any]) -> ReportContent:
-    """What the report of a run says that is known by a file."""
     if file in ("calibration.json", "scale.json"):
         return calibration_report(place, Path(file).stem, record)
     if file == "metrics.csv" and (place / "scars.csv").is_file():

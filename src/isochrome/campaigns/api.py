@@ -318,7 +318,6 @@ def _over_recordings(
 def _within(
     axes: Axes, key: str, outcomes: Sequence[Outcome], colours: Sequence[Any], across: str
 ) -> None:
-    """A key's course in each recording."""
     for item, colour in zip(outcomes, colours, strict=True):
         if key not in item.curves:
             continue

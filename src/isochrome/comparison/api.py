@@ -233,7 +233,6 @@ def _panes_of(
 
 
 def _caption(numbers: FrameMetrics) -> str:
-    """Say the numbers of one row in one line."""
     parts = []
     if numbers.order_rms_fringe is not None:
         rms, p95 = numbers.order_rms_fringe, numbers.order_p95_fringe

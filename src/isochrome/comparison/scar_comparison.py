@@ -135,7 +135,6 @@ def _scar(
 
 
 def _depth(state: SurfaceState) -> Array:
-    """Worn depth (n,), µm."""
     return 1e3 * state.wear_depth_mm
 
 
@@ -491,7 +490,6 @@ def compare_scars(
 def _traces(
     measured: str | Path | Scene | WearSet | Sequence[tuple[str | Path, float]],
 ) -> tuple[list[Path], list[float]]:
-    """Files of traces, and their distances (m)."""
     rows: list[tuple[Path, float]]
     # sets of a wear calibration have traces, and no scenes do
     if (

@@ -245,7 +245,6 @@ def _error_bars(bars: Any) -> Iterator[tuple[str, Array, dict[str, Array]]]:
 
 
 def _bars(axes: Axes, bars: Any) -> Iterator[tuple[str, Array, dict[str, Array]]]:
-    """Horizontal bars by the names at their axis."""
     names = [label.get_text().replace("\n", " ") for label in axes.get_yticklabels()]
     widths = np.array([patch.get_width() for patch in bars.patches], dtype=float)
     if len(names) == len(widths):
@@ -271,7 +270,6 @@ def _name(artist: Any) -> str:
 
 
 def _plain(text: str) -> str:
-    """A text in one line."""
     return " ".join(text.split())
 
 
@@ -726,7 +724,6 @@ def save_figure(
 
 
 def _content(figure: Figure, form: str, dpi: float) -> bytes:
-    """A figure as the bytes of a file."""
     from matplotlib import rc_context
     from matplotlib.image import AxesImage
 

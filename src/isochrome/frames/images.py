@@ -77,7 +77,6 @@ def signature_of(path: Path) -> Signature:
 
 
 def _seems(head: bytes) -> str:
-    """What begins so, in words."""
     known = next((name for start, name in _OTHERS.items() if head.startswith(start)), None)
     if known is not None:
         return known

@@ -114,7 +114,6 @@ def _of_image(path: Path | ArrayFrames) -> Mask:
 
 
 def _of_polygon(corners: Sequence[tuple[float, float]], shape: tuple[int, int], key: str) -> Mask:
-    """Pixels whose centres lie in a polygon of (row, col)."""
     from skimage.draw import polygon2mask
 
     if len(corners) > MOST_CORNERS:

@@ -213,7 +213,6 @@ class PageDecoder:
         return reading.as_grey_or_rgb(path, raw)
 
     def _pixels(self, page: Any, place: int, index: int) -> np.ndarray:
-        """The page's values as they are stored."""
         deflate = page.compression in DEFLATE
         if deflate:
             self._check_deflate(page, index)
@@ -430,7 +429,6 @@ def _check_square(tif: tifffile.TiffFile, path: Path) -> None:
 
 
 def _interval(meta: dict[str, Any]) -> float | None:
-    """Seconds between the frames of an ImageJ stack."""
     step, unit = meta.get("finterval", 0), SECONDS.get(str(meta.get("tunit", "s")).lower())
     known = unit and isinstance(step, int | float) and 0 < step < math.inf
     return float(step) * unit if known and unit else None

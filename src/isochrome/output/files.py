@@ -297,7 +297,6 @@ class Floats(array):  # type: ignore[type-arg]  # takes none at run time before 
         return self.tolist() == list(other) if isinstance(other, Sequence) else NotImplemented
 
     def __repr__(self) -> str:
-        """As a list's."""
         return repr(self.tolist())
 
 
@@ -368,7 +367,6 @@ def _copy_for_excel(path: Path, copy: Path) -> None:
 
 
 def _write_table(file: TextIO, columns: Mapping[str, Any], *, header: bool = True) -> None:
-    """Write a table's lines, some rows at a time."""
     writer = csv.writer(file, lineterminator="\n")
     if header:
         writer.writerow(columns)

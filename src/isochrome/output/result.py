@@ -106,7 +106,6 @@ class Result:
         return self.draw()
 
     def _report(self) -> list[tuple[str, str]]:
-        """The main values, of many the first ones."""
         values = list(self.main_values())
         most = _MOST_VALUES - bool(self.uncertainty_basis)
         more = len(values) - most

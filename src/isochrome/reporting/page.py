@@ -462,7 +462,6 @@ def _hash(text: str) -> str:
 
 @cache
 def _template(room: str, name: str) -> Template:
-    """A room's NAME.html.jinja."""
     from jinja2 import Environment, StrictUndefined
 
     environment = Environment(
@@ -478,7 +477,6 @@ def _joined(room: str, scripts: tuple[str, ...]) -> str:
 
 @cache
 def _part(room: str, name: str) -> str:
-    """A file of a room."""
     return (resources.files(room) / name).read_text("utf-8")
 
 

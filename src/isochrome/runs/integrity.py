@@ -277,7 +277,6 @@ def _write(path: Path, record: Mapping[str, Any]) -> None:
 
 
 def _line(checksum: str) -> str:
-    """The end of a record."""
     return f'"{_OWN}": "{checksum}"\n}}\n'
 
 

@@ -92,7 +92,6 @@ def difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> str | None:
 
 
 def _first_line(old: Any, new: Any) -> str:
-    """The first line that differs of two scenes."""
     lines = zip_longest(str(old).splitlines(), str(new).splitlines())
     before, now = next(pair for pair in lines if pair[0] != pair[1])
     if before is None:

@@ -97,7 +97,6 @@ class RunDataset(_OnePlace, xarray.Dataset):
 
 
 def _of_run(data: Any) -> Any:
-    """What xarray made of a run's arrays, as a run's."""
     if type(data) is xarray.Dataset:
         return RunDataset(dict(data.data_vars), dict(data.coords), data.attrs)
     return RunArray(data) if type(data) is xarray.DataArray else data

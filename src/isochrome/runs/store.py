@@ -40,7 +40,6 @@ def make_dataset(
 
 
 def _variables(columns: Mapping[str, Column]) -> dict[str, Any]:
-    """Columns as xarray takes them."""
     return {name: (c.axes, c.values, described(name, c)) for name, c in columns.items()}
 
 
@@ -467,21 +466,6 @@ def export(run: str | Path, to: str, out: str | Path | None = None) -> list[Path
                 "cannot_read_run_command", store=place / STORE, reason=reason_of(error)
             ) from error
         return [target / file.relative_to(folder) for file in files]
-
-
-def _write(dataset: xarray.Dataset, to: str, folder: Path) -> list[Path]:
-    """The dataset's files of a format."""
-    if to == "netcdf":
-        return [_to_netcdf(dataset, folder / "run.nc")]
-    if to == "tiff":
-        names = (n for n in sorted(dataset.data_vars, key=str) if _is_picture(dataset[n]))
-        return [_to_tiff(dataset, str(name), folder / "imagej") for name in names]
-    table = _to_csv(dataset, folder / "run.csv")
-    if to == "csv":
-        return [table]
-    copies = output.write_excel_copies(folder)
-    table.unlink()
-    return copies
 
 
 def _is_picture(variable: xarray.DataArray) -> bool:

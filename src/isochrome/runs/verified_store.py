@@ -54,7 +54,6 @@ class VerifiedStore(LocalStore):
         return self._there(key, super().get_sync(key, prototype=prototype, byte_range=byte_range))
 
     def _file(self, key: str) -> Buffer | None:
-        """All of a file, verified."""
         if key not in self._known:
             return None
         return cpu.Buffer(self._record.read(self._name(key)))

@@ -48,7 +48,6 @@ def trim_heap() -> None:
 
 @cache
 def _gnu() -> ctypes.CDLL | None:
-    """The GNU C library, None where there is another."""
     if not sys.platform.startswith("linux"):
         return None
     library = ctypes.CDLL(None)

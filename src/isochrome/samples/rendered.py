@@ -208,7 +208,6 @@ def fine_order(scene: Scene, state: SceneState, points: int) -> Array:
 
 
 def _order(scene: Scene, difference: StressDifference) -> Array:
-    """Fringe order of a stress difference, MPa, in a scene's specimen."""
     names = ("thickness_mm", "fringe_value_n_per_mm")
     return fringe_order(difference, **{n: scene.get(f"specimen.{n}") for n in names})
 
