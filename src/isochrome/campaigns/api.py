@@ -80,9 +80,6 @@ def _plain(name: str) -> str:
 
 Array = NDArray[np.float64]
 
-_POINTS = 500
-"""Frames of a recording that are drawn: more than its part of a figure has pixels across."""
-
 _VALUES = ("frames", "failed_frames", "flagged_frames", "duration_s", "pixel_mm", "chi_median",
            "chi_max", "kept_share")  # fmt: skip
 """Columns of the summary whose values a recording that failed has not."""
@@ -183,7 +180,9 @@ def _read(task: Task, processed: Processed) -> Outcome:
         row["error"] = message("frames_could_not_processed", failed=processed.failed, count=count)
     record = json.loads((task.folder / runs.PROVENANCE).read_text("utf-8"))
     drawn = ("distance_m", "frame", *keys, *(f"{key} {SPREAD}" for key in keys))
-    curves = {name: output.numbers(table[name])[:: -(-count // _POINTS)] for name in drawn}
+    curves = {
+        name: output.numbers(table[name])[:: -(-count // figures.MOST_POINTS)] for name in drawn
+    }
     code = InputError.exit_code if processed.failed else 0
     return Outcome(row, record["inputs_sha256"], code, processed.already, curves)
 
@@ -245,9 +244,6 @@ _BANDED = 12
 _NAMED = 30
 """Recordings whose names have room below an axis; more are counted."""
 
-_LETTERS = 22
-"""Of a name that are shown."""
-
 
 def summary_figure(name: str, outcomes: Sequence[Outcome]) -> Figure | None:
     """Values over recordings, and within each over distance or frames; None where none was
@@ -294,7 +290,10 @@ def _panels(every: Sequence[Outcome], rows: Sequence[int]) -> figures.PaperPanel
     plots = [
         figures.Plot(title=name, draw=partial(draw, key)) for key in keys for name, draw in draws
     ]
-    named = [f"{k + 1} {figures.plain_name(str(every[k].row['folder']), _LETTERS)}" for k in rows]
+    named = [
+        f"{k + 1} {figures.plain_name(str(every[k].row['folder']), figures.SHORT_NAME)}"
+        for k in rows
+    ]
     note = "Recordings: " + ("; ".join(named) if len(rows) <= _NAMED else "as in summary.csv")
     return figures.PaperPanels(plots=plots, plots_across=2, notes=(note,))
 

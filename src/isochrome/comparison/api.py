@@ -43,7 +43,6 @@ if TYPE_CHECKING:
 
 _ROWS_FOR_PAPER = 3
 """Frames of a figure for a paper where nobody names them."""
-_LABEL_LENGTH = 26
 
 
 def side_by_side(
@@ -85,7 +84,7 @@ def side_by_side_panels(
             _draw_lines(axes, simulation, chosen[k][1], place)
         return drawn
 
-    labels = [figures.plain_name(numbers.label, _LABEL_LENGTH) for *_, numbers in chosen]
+    labels = [figures.plain_name(numbers.label, figures.SHORT_NAME) for *_, numbers in chosen]
     notes = [f"{label}: {_caption(row[2])}" for label, row in zip(labels, chosen, strict=True)]
     return figures.PaperPanels(
         kinds=[
@@ -160,7 +159,7 @@ def plot_side_by_side(
 
         many: Any = {"figsize": (12.0, 4.0), "sharex": True, "sharey": True}
         panels = pyplot.subplots(1, 3, layout="constrained", **many)[1]
-    label = figures.plain_name(here.label(pairs[frame][0]), _LABEL_LENGTH)
+    label = figures.plain_name(here.label(pairs[frame][0]), figures.SHORT_NAME)
     titles = (f"experiment: {label}", "simulation", "experiment − simulation")
     for one, pane, title in zip(panels, panes, titles, strict=True):
         drawn = pane.draw(one, place, title)

@@ -558,7 +558,9 @@ def _draw_traces(axes: Axes, row: _Row, depth: Callable[[ScarPair], Array]) -> N
     _, traces, colour = row
     for number, (name, pair) in enumerate(traces):
         look = {"color": colour, "lw": figures.LINE_PT, "alpha": 1.0 - 0.6 * number / len(traces)}
-        axes.plot(pair.x_mm, depth(pair), label=figures.plain_name(name, 24), **look)
+        axes.plot(
+            pair.x_mm, depth(pair), label=figures.plain_name(name, figures.SHORT_NAME), **look
+        )
 
 
 def _draw_gap(axes: Axes, row: _Row) -> None:

@@ -51,8 +51,8 @@ PAPER_PT, PAPER_LINE_MM = 8.0, 3.4
 FINE_PT, LINE_PT, BOLD_PT = 0.6, 1.0, 1.4
 """Widths of a line that guides the eye, that shows values, and that stands out."""
 
-LONGEST_NAME = 48
-"""Letters of a file's name in a title."""
+LONGEST_NAME, SHORT_NAME = 48, 24
+"""Letters of a file's name in a title, and beside others."""
 _HATCH_COLOUR = "#c4c4c4"
 
 

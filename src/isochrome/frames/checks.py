@@ -57,13 +57,12 @@ UNLOADED = "looks_like_unloaded_specimen"
 class LoadSigns:
     """What of each frame says whether its specimen is loaded.
 
-    `pictures`, the no-load frames as block means of their light; `span`, of that light, 0: not
-    known; of each frame `unlike`, how far it is from each picture, and `paths`, how far its levels
-    go up and down along its lines, at most and usually, in full scales.
+    `pictures`, the no-load frames as block means of their light; of each frame `unlike`, how far it
+    is from each picture, and `paths`, how far its levels go up and down along its lines, at most
+    and usually, in full scales.
     """
 
     pictures: dict[str, Array] = field(default_factory=dict)
-    span: float = 0.0
     unlike: list[dict[str, float]] = field(default_factory=list)
     paths: list[tuple[float, float]] = field(default_factory=list)
 
@@ -78,26 +77,23 @@ class LoadSigns:
         self.paths.append((max(float(path.max()) for path in paths), usual))
 
 
-def load_signs(reader: FrameReader, scene: Scene) -> LoadSigns | None:
-    """Begin to look for unloaded frames; None where loads change, some have none, or for steps and
-    colours."""
+NoLoad = tuple[linear.Linear | None, linear.Linear | None]
+"""The scene's dark and bright no-load frame."""
+
+
+def load_signs(scene: Scene, no_load: NoLoad) -> LoadSigns | None:
+    """Begin to look for unloaded frames; None where loads change, some have none, or of steps."""
     frames, load = scene.frames, scene.load
     changes = load is not None and not isinstance(load.normal_n, int | float)
     without = frames.starts_unloaded or frames.known_loads_n or scene.polariscope.tells_orders
     if changes or without:
         return None
-    try:
-        dark, bright = linear.load_no_load(scene, full_shape=reader.full_shape)
-    except InputError:  # has a finding of its own
-        dark = bright = None
     signs = LoadSigns()
-    for key, one in (("no_load_dark", dark), ("no_load_bright", bright)):
+    for key, one in zip(("no_load_dark", "no_load_bright"), no_load, strict=True):
         if one is not None:
             # by the means of its levels, edges included, as that of frames
             levels = _blocks(np.maximum(one.image, 0.0) ** (1.0 / frames.first_gamma), one.valid)
             signs.pictures[f"frames.{key}"] = np.asarray(levels**frames.first_gamma)
-    if bright is not None:
-        signs.span = float(np.percentile(bright.image[bright.valid], 98.0))
     return signs
 
 
@@ -179,9 +175,9 @@ class Survey:
     load: LoadSigns | None = None  # what says whether each is loaded; None: not asked
 
 
-def survey(reader: FrameReader, scene: Scene) -> Survey:
+def survey(reader: FrameReader, scene: Scene, no_load: NoLoad) -> Survey:
     """Read all frames once, in memory that does not grow with them; an InputError ends it."""
-    result, by_digest = Survey(load=load_signs(reader, scene)), dict[bytes, int]()
+    result, by_digest = Survey(load=load_signs(scene, no_load)), dict[bytes, int]()
     full = linear.full_scale(reader.bit_depth)
     try:
         for frame in reader:
@@ -376,7 +372,7 @@ def of_unloaded(reader: FrameReader, light: Survey, scene: Scene) -> Iterator[Fi
     if signs is None or not np.isfinite(span).any():
         return
     full, gamma = linear.full_scale(reader.bit_depth), scene.frames.first_gamma
-    unit = signs.span or float((max(np.nanmax(light.high), 0.0) / full) ** gamma)
+    unit = float((max(np.nanmax(light.high), 0.0) / full) ** gamma)
     like: dict[str, list[int]] = {}  # numbers of frames by the picture that each is like
     for index, far in enumerate(signs.unlike):
         if near := [key for key, value in far.items() if value < _ALIKE * unit]:
@@ -394,7 +390,9 @@ def of_unloaded(reader: FrameReader, light: Survey, scene: Scene) -> Iterator[Fi
         yield Finding("warning", f"{named_frames(fringeless)}: " + why, fringeless[0])
 
 
-def of_no_load(reader: FrameReader, light: Survey, scene: Scene) -> Iterator[Finding]:
+def of_no_load(
+    reader: FrameReader, light: Survey, scene: Scene, no_load: NoLoad
+) -> Iterator[Finding]:
     """Findings on the no-load frames: missing, unreadable, of another size or exposure."""
     frames = scene.frames
     if scene.polariscope.step:
@@ -405,11 +403,7 @@ def of_no_load(reader: FrameReader, light: Survey, scene: Scene) -> Iterator[Fin
     missing = " and ".join(f"frames.{key}" for key in keys if getattr(frames, key) is None)
     if missing:
         yield Finding("warning", message("not_given_unloaded_specimen", missing=missing))
-    try:
-        dark, bright = linear.load_no_load(scene, full_shape=reader.full_shape)
-    except InputError as error:
-        yield Finding("error", str(error))
-        return
+    dark, bright = no_load
     if not light.count or np.isnan(light.low).all():
         return
     full = linear.full_scale(reader.bit_depth)
@@ -530,8 +524,13 @@ def look_through(path: FramesLike, scene: Scene) -> Check:
         reader = open_scene_frames(path, scene, any_scale=True)
     except InputError as error:
         return Check(_sorted([Finding("error", str(error)), *findings]), 0, None)
+    no_load: NoLoad = None, None
+    try:
+        no_load = linear.load_no_load(scene, full_shape=reader.full_shape)
+    except InputError as error:
+        findings.append(Finding("error", str(error)))
     with reader:
-        light = survey(reader, scene)
+        light = survey(reader, scene, no_load)
     if light.failure is not None:
         findings.append(Finding("error", light.failure, light.count))
     findings += _of_file(reader, scene)
@@ -546,7 +545,7 @@ def look_through(path: FramesLike, scene: Scene) -> Check:
         findings.append(Finding("warning", text))
     findings += of_depth(reader, light)
     findings += of_light(reader, light)
-    findings += of_no_load(reader, light, scene)
+    findings += of_no_load(reader, light, scene, no_load)
     findings += of_unloaded(reader, light, scene)
     return Check(_sorted(findings), light.count, reader.shape, light)
 
