@@ -179,10 +179,8 @@ MM_PER_UNIT = {"mm": 1.0, "cm": 10.0, "m": 1e3, **dict.fromkeys(_MICRONS, 1e-3),
 def pixel_mm_of(tif: tifffile.TiffFile) -> float | None:
     """The pixel's side, mm, that an open TIFF names; dots per inch are a print size, and do not."""
     tags: Any = getattr(tif.pages[0], "tags", {})
-    if "XResolution" not in tags or "YResolution" not in tags:
-        return None
-    num, den = tags["XResolution"].value
-    if num == 0 or den == 0 or tags["YResolution"].value != (num, den):
+    num, den = tags["XResolution"].value if "XResolution" in tags else (0, 0)
+    if num == 0 or den == 0:
         return None
     if tif.is_imagej:
         mm = MM_PER_UNIT.get(str((tif.imagej_metadata or {}).get("unit", "")).strip().lower())
