@@ -23,10 +23,7 @@ from tifffile import COMPRESSION, PHOTOMETRIC
 
 from isochrome.errors import InputError
 from isochrome.frames import reading
-from isochrome.output import MM_PER_UNIT, pixel_mm_of
-
-MM = MM_PER_UNIT | {"in": 25.4}
-"""Millimetres of the schema's units of length that a camera's picture can have."""
+from isochrome.output import MM_PER_UNIT
 
 SECONDS = {
     word: float(np.array(1, f"m8[{unit}]") / np.timedelta64(1, "s"))
@@ -97,7 +94,8 @@ def _number(
 
 def _pixel_mm(pixels: ElementTree.Element, path: Path) -> float | None:
     across, down = (
-        _number(pixels, f"PhysicalSize{axis}", MM, f"PhysicalSize{axis}Unit", "µm") for axis in "XY"
+        _number(pixels, f"PhysicalSize{axis}", MM_PER_UNIT, f"PhysicalSize{axis}Unit", "µm")
+        for axis in "XY"
     )
     if across and down and abs(across / down - 1) > reading.SAME:
         raise InputError("says_pixel_mm_wide", path=path, across=across, down=down)
@@ -368,7 +366,7 @@ def tiff_layout_of(tif: tifffile.TiffFile, path: Path) -> TiffLayout:
     _check_axes(path, *(_whole(meta, key) for key in ("channels", "slices", "frames")))
     return TiffLayout(
         count=claimed if hidden else len(pages), pages=pages, hidden=hidden,
-        pixel_mm=pixel_mm_of(tif), interval_s=_interval(meta),
+        pixel_mm=_pixel_mm_of(tif), interval_s=_interval(meta),
     )  # fmt: skip
 
 
@@ -428,6 +426,19 @@ def _check_square(tif: tifffile.TiffFile, path: Path) -> None:
             raise InputError("says_pixels_unit_across", path=path, xd=xn / xd, yd=yn / yd)
 
 
+def _pixel_mm_of(tif: tifffile.TiffFile) -> float | None:
+    """The pixel's side, mm, that an open TIFF names; dots per inch are a print size, and do not."""
+    tags: Any = getattr(tif.pages[0], "tags", {})
+    num, den = tags["XResolution"].value if "XResolution" in tags else (0, 0)
+    if num == 0 or den == 0:
+        return None
+    if tif.is_imagej:
+        mm = MM_PER_UNIT.get(str((tif.imagej_metadata or {}).get("unit", "")).strip().lower())
+    else:
+        mm = 10.0 if "ResolutionUnit" in tags and int(tags["ResolutionUnit"].value) == 3 else None
+    return None if mm is None else mm * den / num
+
+
 def _interval(meta: dict[str, Any]) -> float | None:
     step, unit = meta.get("finterval", 0), SECONDS.get(str(meta.get("tunit", "s")).lower())
     known = unit and isinstance(step, int | float) and 0 < step < math.inf
@@ -450,7 +461,7 @@ def _of_ome(tif: tifffile.TiffFile, path: Path) -> TiffLayout:
     if _chain_breaks(tif):
         raise InputError("breaks_off_truncated_copy", path=path)
     places = tuple((page.index, page.offset) for page in pages)
-    notes["pixel_mm"] = notes["pixel_mm"] or pixel_mm_of(tif)
+    notes["pixel_mm"] = notes["pixel_mm"] or _pixel_mm_of(tif)
     return TiffLayout(count=len(pages), pages=places, **notes)
 
 

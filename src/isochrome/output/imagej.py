@@ -22,7 +22,7 @@ from isochrome.errors import InputError, reason_of
 from isochrome.output.files import replacing
 
 if TYPE_CHECKING:
-    import tifffile
+    pass
 
 DTYPES = ("uint8", "uint16", "float32")
 IMAGEJ_LIMIT = 4_000_000_000
@@ -173,21 +173,10 @@ def _stack_layout(
 
 
 _MICRONS = ("um", "µm", "μm", "\\u00b5m", "micron", "microns")
-MM_PER_UNIT = {"mm": 1.0, "cm": 10.0, "m": 1e3, **dict.fromkeys(_MICRONS, 1e-3), "nm": 1e-6}
-
-
-def pixel_mm_of(tif: tifffile.TiffFile) -> float | None:
-    """The pixel's side, mm, that an open TIFF names; dots per inch are a print size, and do not."""
-    tags: Any = getattr(tif.pages[0], "tags", {})
-    num, den = tags["XResolution"].value if "XResolution" in tags else (0, 0)
-    if num == 0 or den == 0:
-        return None
-    if tif.is_imagej:
-        mm = MM_PER_UNIT.get(str((tif.imagej_metadata or {}).get("unit", "")).strip().lower())
-    else:
-        mm = 10.0 if "ResolutionUnit" in tags and int(tags["ResolutionUnit"].value) == 3 else None
-    return None if mm is None else mm * den / num
-
+MM_PER_UNIT = {
+    "mm": 1.0, "cm": 10.0, "m": 1e3, **dict.fromkeys(_MICRONS, 1e-3), "nm": 1e-6, "in": 25.4,
+}  # fmt: skip
+"""Units of length by the words that ImageJ, OME and instruments have for them."""
 
 Mask = NDArray[np.bool_]
 SUFFIXES = (".roi", ".zip")
