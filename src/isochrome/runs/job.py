@@ -93,7 +93,7 @@ def difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> str | None:
 
 def _first_line(old: Any, new: Any) -> str:
     lines = zip_longest(str(old).splitlines(), str(new).splitlines())
-    before, now = next(pair for pair in lines if pair[0] != pair[1])
+    before, now = next((pair for pair in lines if pair[0] != pair[1]), ("", ""))
     if before is None:
         return f"'{now}' is new"
     return f"'{before}' is no longer there" if now is None else f"'{before}' is now '{now}'"
