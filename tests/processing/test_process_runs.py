@@ -31,9 +31,9 @@ def test_a_bad_frame_is_said_while_the_next_one_is_still_read(tmp_path, monkeypa
     write_tiff(tmp_path / "film.tif", frames)
     prepare = FrameReader._prepare
 
-    def slowly(reader, raw, index):
-        time.sleep(0.3 * index)
-        return prepare(reader, raw, index)
+    def slowly(reader, raw):
+        time.sleep(0.3 * raw.index)
+        return prepare(reader, raw)
 
     monkeypatch.setattr(FrameReader, "_prepare", slowly)
     with pytest.raises(InputError, match="all white"):
