@@ -12,6 +12,7 @@ from hypothesis.extra import numpy as hnp
 
 from isochrome import output
 from isochrome.errors import InputError
+from isochrome.frames import open_tiff
 
 SAME_FOLDER = settings(
     max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
@@ -34,7 +35,7 @@ def test_any_stack_comes_back_with_its_shape_type_and_values(tmp_path, stack):
     assert back.dtype == stack.dtype
     np.testing.assert_array_equal(back, stack)
     # The resolution is a ratio of 32-bit integers: 1e-6 is far above its rounding.
-    assert output.read_pixel_mm(tmp_path / "s.tif") == pytest.approx(0.00607, rel=1e-6)
+    assert open_tiff(tmp_path / "s.tif").pixel_mm == pytest.approx(0.00607, rel=1e-6)
 
 
 def test_streamed_stack_equals_the_one_written_at_once_and_carries_the_scale(tmp_path):
@@ -46,7 +47,7 @@ def test_streamed_stack_equals_the_one_written_at_once_and_carries_the_scale(tmp
     with tifffile.TiffFile(tmp_path / "a.tif") as tif:
         assert tif.series[0].axes == "TYX" and tif.imagej_metadata["Info"] == "by hand"
     # The resolution is stored as a ratio of 32-bit integers: 1e-6 is far above its rounding.
-    assert output.read_pixel_mm(tmp_path / "a.tif") == pytest.approx(0.00607, rel=1e-6)
+    assert open_tiff(tmp_path / "a.tif").pixel_mm == pytest.approx(0.00607, rel=1e-6)
 
 
 def test_stack_beyond_imagejs_limit_becomes_bigtiff_with_the_same_scale(tmp_path, monkeypatch):
@@ -54,7 +55,7 @@ def test_stack_beyond_imagejs_limit_becomes_bigtiff_with_the_same_scale(tmp_path
     output.write_tiff(tmp_path / "b.tif", np.ones((2, 3, 4), np.float32), pixel_mm=0.01)
     with tifffile.TiffFile(tmp_path / "b.tif") as tif:
         assert tif.is_bigtiff and tif.asarray().shape == (2, 3, 4)
-    assert output.read_pixel_mm(tmp_path / "b.tif") == pytest.approx(0.01, rel=1e-6)
+    assert open_tiff(tmp_path / "b.tif").pixel_mm == pytest.approx(0.01, rel=1e-6)
 
 
 @pytest.mark.parametrize("count", [1, 3])
@@ -70,14 +71,14 @@ def test_colour_frames_come_back_with_their_scale_and_8_bit_ones_in_imagejs_layo
         assert {int(page.photometric) for page in tif.pages} == {2}  # RGB
         assert tif.is_imagej == (dtype is np.uint8)
         np.testing.assert_array_equal(np.stack([page.asarray() for page in tif.pages]), stack)
-    assert output.read_pixel_mm(tmp_path / "c.tif") == pytest.approx(0.01, rel=1e-6)
+    assert open_tiff(tmp_path / "c.tif").pixel_mm == pytest.approx(0.01, rel=1e-6)
 
 
 def test_dots_per_inch_are_no_scale(tmp_path):
     tifffile.imwrite(
         tmp_path / "dpi.tif", np.zeros((4, 5), np.uint8), resolution=(72, 72), resolutionunit="INCH"
     )
-    assert output.read_pixel_mm(tmp_path / "dpi.tif") is None
+    assert open_tiff(tmp_path / "dpi.tif").pixel_mm is None
 
 
 def test_failed_stream_leaves_nothing_and_keeps_the_old_file(tmp_path):
@@ -224,16 +225,16 @@ def test_imagejs_units_become_millimetres(tmp_path, unit, mm):
         tmp_path / "s.tif", np.zeros((2, 4, 5), np.uint8), imagej=True, resolution=(4, 4),
         metadata={"axes": "TYX", "unit": unit},
     )  # fmt: skip
-    assert output.read_pixel_mm(tmp_path / "s.tif") == pytest.approx(0.25 * mm, rel=1e-6)
+    assert open_tiff(tmp_path / "s.tif").pixel_mm == pytest.approx(0.25 * mm, rel=1e-6)
 
 
-def test_pixels_that_are_not_square_have_no_scale(tmp_path):
-    for resolution in ((4, 5), (0, 0)):
-        tifffile.imwrite(
-            tmp_path / "s.tif", np.zeros((4, 5), np.uint8), resolution=resolution,
-            resolutionunit="CENTIMETER",
-        )  # fmt: skip
-        assert output.read_pixel_mm(tmp_path / "s.tif") is None
+def test_pixels_of_no_size_have_no_scale_and_those_that_are_not_square_are_refused(tmp_path):
+    path, image = tmp_path / "s.tif", np.zeros((4, 5), np.uint8)
+    tifffile.imwrite(path, image, resolution=(0, 0), resolutionunit="CENTIMETER")
+    assert open_tiff(path).pixel_mm is None
+    tifffile.imwrite(path, image, resolution=(4, 5), resolutionunit="CENTIMETER")
+    with pytest.raises(InputError, match="4 pixels a unit across and 5 down"):
+        open_tiff(path)
 
 
 def test_a_stage_that_cannot_give_all_files_their_places_puts_the_old_ones_back(tmp_path):

@@ -117,10 +117,7 @@ def bench(
 
 
 def benchmarks_folder() -> Path:
-    """The repository's tests/benchmarks: of the clone the package is run from, else below here.
-
-    Raises InputError where neither holds the benchmarks.
-    """
+    """The repository's tests/benchmarks: of the clone the package is run from, or below here."""
     for root in (Path(__file__).resolve().parents[2], Path.cwd()):
         folder = root / "tests" / "benchmarks"
         if (folder / "paper_procedure.py").is_file():

@@ -18,10 +18,8 @@ LINE_EVERY_S = 60.0
 
 @contextmanager
 def run_bar(what: str, items: str = "frames") -> Iterator[Callable[[Tally], None]]:
-    """Items done, a second, flagged, and the time left, on standard error.
-
-    In a log, where there is no terminal, a line a minute.
-    """
+    """Items done, a second, flagged, and the time left, on standard error; a line a minute in a
+    log."""
     with _bars() as bars:
         yield _shower(bars, what, items)
 

@@ -14,7 +14,7 @@ from isochrome.comparison import Comparison, ScarComparison, compare
 from isochrome.figures import PaperPanels
 from isochrome.frames import look_through, open_frames
 from isochrome.output import Result, output_folder, with_uncertainty, write_json
-from isochrome.processing import Processed, process
+from isochrome.processing import process
 from isochrome.runs import single_threaded
 from isochrome.samples import samples_path
 from isochrome.scene import load_scene
@@ -102,80 +102,70 @@ def demo(out: str | Path = "isochrome-demo", *, progress: Progress | None = None
     >>> import isochrome
     >>> isochrome.demo("isochrome-demo")  # doctest: +SKIP
     """
-    with single_threaded():  # threads would spend time without saving any
-        return _run(out, progress or (lambda _: None))
-
-
-def _run(out: str | Path, say: Progress) -> Demo:
-    """All steps, one after the other.
-
-    Frames are read `as_stated`, for time: of the six nothing is freed that `process` tries, and of
-    the film a band of wavelengths, which moves the load by 0.003 %.
-    """
-    folder, samples = output_folder(out), samples_path()
-    contact = samples / "line-contact-wear"
-    say("pressing and wearing the paper's contact")
-    paper = simulate("line-contact-wear")  # whose frames are drawn below, as they were found
-    say("checking the sample frames")
-    scene = load_scene(contact / "scene.toml")
-    checked = look_through(contact / "captured.tif", scene)
-    say("reading the fringe order of the sample frames")
-    experiment = process(contact / "captured.tif", scene, folder / "experiment", as_stated=True)
-    assert experiment.fitted is not None
-    say("simulating what was found")
-    simulate(experiment.fitted, folder / "simulation")
-    say("comparing the two")
-    comparison = compare(folder / "experiment", folder / "simulation", folder / "comparison")
-    say("following the sample film")
-    followed = _follow_film(samples / "sliding-film", folder / "film")
-    say("calibrating the fringe value from bending and disc images")
-    bending = calibrate_bending(samples / "bending" / "set.toml")
-    save_calibration(bending, folder / "calibration-bending")
-    discs = load_set(samples / "disc" / "set.toml", specimen="disc")
-    # a line through two loads is as certain: its ± is that of load and diameter
-    disc = calibrate_disc(discs.model_copy(update={"image": (discs.image[0], discs.image[-1])}))
-    save_calibration(disc, folder / "calibration-disc")
-    truth = read_truth(samples)
-    rows = [
-        ("static p_max (MPa)", f"{paper.history['p_max_mpa'][0]:.3f}",
-         "18.758 by Hertz; 18.75 in the paper"),
-        ("static contact width (mm)", f"{paper.history['contact_width_mm'][0]:.4f}",
-         "0.7466 by Hertz; 0.758 in the paper"),
-        ("chi of the six frames", _range(experiment.columns["chi"], 3), "1: fits to the noise"),
-        ("experiment - simulation, RMS (fringes)",
-         _range(comparison.columns["order_rms_fringe"], 4), "0.01 or less"),
-        ("load (N)", _range(experiment.columns["load.normal_n"], 2), truth["load"]),
-        ("load of the film (N)", _range(followed.columns["load.normal_n"], 2), truth["film"]),
-        ("f_sigma from bending (N/mm)", _with_u(bending), truth["bending"]),
-        ("f_sigma from the disc (N/mm)", _with_u(disc), truth["disc"]),
-    ]  # fmt: skip
-    summary = {
-        "folder": str(folder),
-        "history": paper.history,
-        "frames": experiment.columns,
-        "metrics": comparison.columns,
-        "calibration_bending": bending.to_json(),
-        "calibration_disc": disc.to_json(),
-        "check": [finding.text for finding in checked.findings],
-        "film": followed.columns,
-        "warnings": [*experiment.warnings, *followed.warnings],
-    }
-    write_json(folder / "demo.json", summary)
-    return Demo(folder, rows, summary, comparison, draw=comparison.figure)
-
-
-def _follow_film(film: Path, out: Path) -> Processed:
-    """The first swing of the film's load, in every other frame."""
     import xarray
 
-    with open_frames(film / "film.avi") as reader:
-        frames = list(islice(reader, 0, _SWING, 2))
-    images = xarray.DataArray(
-        np.stack([frame.image for frame in frames]),
-        dims=("frame", "row", "col"),
-        coords={"time_s": ("frame", [frame.time_s for frame in frames])},
-    )
-    return process(images, load_scene(film / "scene.toml"), out, track=True, as_stated=True)
+    say = progress or (lambda _: None)
+    # frames are read as stated, for time: of the six nothing is freed that `process` tries, and of
+    # the film a band of wavelengths, which moves the load by 0.003 %
+    with single_threaded():  # threads would spend time without saving any
+        folder, samples = output_folder(out), samples_path()
+        contact = samples / "line-contact-wear"
+        say("pressing and wearing the paper's contact")
+        paper = simulate("line-contact-wear")  # whose frames are drawn below, as they were found
+        say("checking the sample frames")
+        scene = load_scene(contact / "scene.toml")
+        checked = look_through(contact / "captured.tif", scene)
+        say("reading the fringe order of the sample frames")
+        experiment = process(contact / "captured.tif", scene, folder / "experiment", as_stated=True)
+        assert experiment.fitted is not None
+        say("simulating what was found")
+        simulate(experiment.fitted, folder / "simulation")
+        say("comparing the two")
+        comparison = compare(folder / "experiment", folder / "simulation", folder / "comparison")
+        say("following the sample film")
+        with open_frames(samples / "sliding-film" / "film.avi") as reader:
+            swing = list(islice(reader, 0, _SWING, 2))
+        images = xarray.DataArray(
+            np.stack([frame.image for frame in swing]),
+            dims=("frame", "row", "col"),
+            coords={"time_s": ("frame", [frame.time_s for frame in swing])},
+        )
+        film_scene = load_scene(samples / "sliding-film" / "scene.toml")
+        followed = process(images, film_scene, folder / "film", track=True, as_stated=True)
+        say("calibrating the fringe value from bending and disc images")
+        bending = calibrate_bending(samples / "bending" / "set.toml")
+        save_calibration(bending, folder / "calibration-bending")
+        discs = load_set(samples / "disc" / "set.toml", specimen="disc")
+        # a line through two loads is as certain: its ± is that of load and diameter
+        disc = calibrate_disc(discs.model_copy(update={"image": (discs.image[0], discs.image[-1])}))
+        save_calibration(disc, folder / "calibration-disc")
+        truth = read_truth(samples)
+        rows = [
+            ("static p_max (MPa)", f"{paper.history['p_max_mpa'][0]:.3f}",
+             "18.758 by Hertz; 18.75 in the paper"),
+            ("static contact width (mm)", f"{paper.history['contact_width_mm'][0]:.4f}",
+             "0.7466 by Hertz; 0.758 in the paper"),
+            ("chi of the six frames", _range(experiment.columns["chi"], 3), "1: fits to the noise"),
+            ("experiment - simulation, RMS (fringes)",
+             _range(comparison.columns["order_rms_fringe"], 4), "0.01 or less"),
+            ("load (N)", _range(experiment.columns["load.normal_n"], 2), truth["load"]),
+            ("load of the film (N)", _range(followed.columns["load.normal_n"], 2), truth["film"]),
+            ("f_sigma from bending (N/mm)", _with_u(bending), truth["bending"]),
+            ("f_sigma from the disc (N/mm)", _with_u(disc), truth["disc"]),
+        ]  # fmt: skip
+        summary = {
+            "folder": str(folder),
+            "history": paper.history,
+            "frames": experiment.columns,
+            "metrics": comparison.columns,
+            "calibration_bending": bending.to_json(),
+            "calibration_disc": disc.to_json(),
+            "check": [finding.text for finding in checked.findings],
+            "film": followed.columns,
+            "warnings": [*experiment.warnings, *followed.warnings],
+        }
+        write_json(folder / "demo.json", summary)
+        return Demo(folder, rows, summary, comparison, draw=comparison.figure)
 
 
 def read_truth(samples: Path) -> dict[str, str]:

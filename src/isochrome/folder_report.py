@@ -68,11 +68,8 @@ def report(folder: str | Path, out: str | Path | None = None) -> Path:
     Examples
     --------
     >>> import isochrome
-    >>> scene = isochrome.load_scene("ring").with_values({
-    ...     "load.normal_n": 60.0, "camera.width_px": 128, "camera.height_px": 128,
-    ...     "camera.pixel_mm": 0.36, "camera.noise_grey": 1.0})
-    >>> frames = isochrome.simulate(scene).frames
-    >>> found = isochrome.process(frames, scene, "processed")
+    >>> frames = isochrome.simulate("ring").frames
+    >>> found = isochrome.process(frames, "ring", "processed")
     >>> isochrome.report("processed").name
     'report.html'
     """
@@ -104,10 +101,7 @@ def _again(command: str) -> str:
 
 
 def _kind(place: Path) -> tuple[str, str]:
-    """The file by which a folder is known, and the command that left it.
-
-    Raises InputError where it holds no finished run of one.
-    """
+    """The file by which a finished run's folder is known, and the command that left it."""
     if not place.is_dir():
         raise InputError("no_such_folder_name", place=place, named=_NAMED)
     result = next((name for name in _NEEDED if (place / name).is_file()), None)
@@ -128,7 +122,6 @@ def _kind(place: Path) -> tuple[str, str]:
 
 
 def _content(place: Path, file: str, record: Mapping[str, Any]) -> ReportContent:
-    """What the report of a run says that is known by a file."""
     if file in ("calibration.json", "scale.json"):
         return calibration_report(place, Path(file).stem, record)
     if file == "metrics.csv" and (place / "scars.csv").is_file():

@@ -11,10 +11,8 @@ from typing import Any
 
 
 class Message(str):
-    """A sentence with the `code` of its words and the `values` in them; as text it is complete.
-
-    With a text before or behind it, it is still that message.
-    """
+    """A sentence with the `code` of its words and the `values` in them, whatever stands around
+    it."""
 
     code: str
     values: dict[str, Any]

@@ -15,7 +15,7 @@ from typer.main import get_command
 
 from isochrome.cli import app
 from isochrome.cli.options import EXAMPLES, examples_of
-from isochrome.output import read_pixel_mm
+from isochrome.frames import open_tiff
 
 COMMANDS = [
     (), ("demo",), ("simulate",), ("process",), ("compare",), ("calibrate",),
@@ -123,7 +123,7 @@ def test_simulate_leaves_what_the_contract_names(captured):
     for name, dtype in (("frames.tif", np.uint8), ("fringe_order.tif", np.float32)):
         stack = tifffile.imread(out / name)
         assert (stack.shape, stack.dtype) == ((2, 120, 160), dtype)
-        assert read_pixel_mm(out / name) == pytest.approx(0.025, rel=1e-6)
+        assert open_tiff(out / name).pixel_mm == pytest.approx(0.025, rel=1e-6)
     assert tomllib.loads((out / "scene.toml").read_text("utf-8"))["load"] == {"normal_n": 44.0}
     came = json.loads((out / "provenance.json").read_text("utf-8"))
     assert came["seed"] == 3 and came["isochrome"] == version("isochrome")
@@ -141,7 +141,7 @@ def test_process_leaves_what_the_contract_names(processed):
     for name in ("fringe_order", "confidence", "normalised"):
         stack = tifffile.imread(out / f"{name}.tif")
         assert (stack.shape, stack.dtype) == ((2, 120, 160), np.float32)
-        assert read_pixel_mm(out / f"{name}.tif") == pytest.approx(0.025, rel=1e-6)
+        assert open_tiff(out / f"{name}.tif").pixel_mm == pytest.approx(0.025, rel=1e-6)
     table = columns_of(out / "frames.csv")
     assert set(table) == set(found["frames"])
     assert found["model"] == "contact" and found["warnings"] == []

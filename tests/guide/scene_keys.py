@@ -11,7 +11,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
 from isochrome.calibration import CalibrationSet, ColourSet
-from isochrome.runs.store import units_of
+from isochrome.runs import named_units
 from isochrome.scene import Scene
 
 SETS = {
@@ -114,7 +114,7 @@ def _table(model: type[BaseModel], at: str, words: str) -> str:
 
 def unit(name: str) -> str:
     """The unit of a key, as a reader writes it."""
-    found = units_of(name)
+    found = named_units(name).get("units")
     if found is None:
         return "–"
     above, _, below = found.removesuffix("-1").partition(" ")

@@ -93,10 +93,10 @@ def meanwhile(do) -> None:
 
     prepare = FrameReader._prepare
 
-    def watched(reader, raw, index):
-        if index == 1:
+    def watched(reader, raw):
+        if raw.index == 1:
             do()
-        return prepare(reader, raw, index)
+        return prepare(reader, raw)
 
     FrameReader._prepare = watched
 

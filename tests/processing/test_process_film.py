@@ -2,7 +2,6 @@
 
 import pkgutil
 import threading
-from concurrent.futures import Executor, Future
 
 import cv2
 import numpy as np
@@ -269,8 +268,6 @@ def test_a_growing_run_can_be_opened_and_looked_at(followed, monkeypatch):
         return follow(self, frame)
 
     monkeypatch.setattr(follow_of, looked)
-    # the chunk before is written while this one is computed
-    monkeypatch.setattr("isochrome.runs.workers.futures.ThreadPoolExecutor", _AtOnce)
     run(place, out="grown", preview=True)
     (finished, load, order), picture = looks
     assert finished == [True] * 5 + [False] * 3 and np.isfinite(load).tolist() == finished
@@ -280,18 +277,6 @@ def test_a_growing_run_can_be_opened_and_looked_at(followed, monkeypatch):
     assert not (place / "grown.partial").exists()
     with pytest.raises(InputError, match="no run is at work there"):
         open_run(place / "grown.partial")
-
-
-class _AtOnce(Executor):
-    """An executor that does what it is given before it goes on."""
-
-    def __init__(self, *_, **__):
-        pass
-
-    def submit(self, work, *arguments):
-        done = Future()
-        done.set_result(work(*arguments))
-        return done
 
 
 @pytest.mark.study

@@ -13,8 +13,8 @@ import isochrome
 from campaigns.conftest import COLS, ROWS, SCENE, film, true_orders, write_no_load
 from isochrome import open_run
 from isochrome.errors import InputError
-from isochrome.frames import FrameReader
-from isochrome.output import read_csv, read_pixel_mm, write_tiff
+from isochrome.frames import FrameReader, open_tiff
+from isochrome.output import read_csv, write_tiff
 from isochrome.processing import process
 from runs import killing
 from runs.counting import contents
@@ -31,9 +31,9 @@ def test_a_bad_frame_is_said_while_the_next_one_is_still_read(tmp_path, monkeypa
     write_tiff(tmp_path / "film.tif", frames)
     prepare = FrameReader._prepare
 
-    def slowly(reader, raw, index):
-        time.sleep(0.3 * index)
-        return prepare(reader, raw, index)
+    def slowly(reader, raw):
+        time.sleep(0.3 * raw.index)
+        return prepare(reader, raw)
 
     monkeypatch.setattr(FrameReader, "_prepare", slowly)
     with pytest.raises(InputError, match="all white"):
@@ -70,7 +70,9 @@ def test_a_run_is_one_dataset_with_named_axes_and_units(tmp_path):
         np.testing.assert_allclose(dataset.x_mm, -1.0 + 0.05 * (np.arange(COLS) + 0.5))
         np.testing.assert_allclose(dataset.z_mm, 0.05 * (np.arange(ROWS) + 0.5))
         # the stacks of maps have the camera's scale, for ImageJ
-        assert read_pixel_mm(place / "out" / "fringe_order.tif") == pytest.approx(0.05, rel=1e-6)
+        assert open_tiff(place / "out" / "fringe_order.tif").pixel_mm == pytest.approx(
+            0.05, rel=1e-6
+        )
         assert dataset.col.dims == ("x_mm",) and dataset.row.dims == ("z_mm",)
         assert dataset.x_mm.attrs["units"] == "mm"
         assert dataset.name.values.tolist() == [f"film.tif[{i}]" for i in range(3)]

@@ -62,7 +62,7 @@ def _write_store(
     own = {identifier(name): values for name, values in table.items()} | {"key_frame": keys}
     sizes = {"frame": len(table["frame"]), "key_frame": len(keys)}
     chi, largest = (np.array([table[name][k] for k in keys]) for name in ("chi", "n_max"))
-    having = [one.number for one in choose_frames(chi, largest)]
+    having = list(choose_frames(chi, largest))
     old, new = zarr.open_group(source, mode="r"), zarr.create_group(target)
     new.attrs.update(dict(old.attrs))
     for name, array in old.arrays():

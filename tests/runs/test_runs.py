@@ -12,7 +12,7 @@ import pytest
 import tifffile
 
 from isochrome.errors import InputError, PhysicsError
-from isochrome.output import read_pixel_mm
+from isochrome.frames import open_tiff
 from isochrome.runs import RunOptions, Stopped, open_run, run_job
 from runs.counting import IDENTITY, Count, calls, computed_again, contents, finish, job, put, truth
 from runs.killing import NO_END_S
@@ -52,7 +52,7 @@ def test_results_are_those_of_the_items_in_order(count, tmp_path):
         np.testing.assert_array_equal(dataset.order.values, pictures)
         np.testing.assert_array_equal(dataset.order[7].values, truth(7))
     np.testing.assert_array_equal(tifffile.imread(tmp_path / "out" / "order.tif"), pictures)
-    assert read_pixel_mm(tmp_path / "out" / "order.tif") == pytest.approx(0.01, rel=1e-6)
+    assert open_tiff(tmp_path / "out" / "order.tif").pixel_mm == pytest.approx(0.01, rel=1e-6)
     assert (tmp_path / "out" / "lines.txt").read_text() == "1\n3\n5\n7\n9\n"
     assert [(t.done, t.count, t.before) for t in done] == [
         (0, 10, 0), (3, 10, 0), (6, 10, 0), (9, 10, 0), (10, 10, 0),

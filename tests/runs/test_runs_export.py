@@ -12,7 +12,8 @@ import xarray
 
 from isochrome import runs
 from isochrome.errors import InputError
-from isochrome.output import read_csv, read_pixel_mm
+from isochrome.frames import open_tiff
+from isochrome.output import read_csv
 from runs.counting import COLS, ROWS, truth
 
 NAMES = ["erstes Bild ü", "second", "", "fourth"]
@@ -141,7 +142,7 @@ def test_whole_numbers_come_back_whole_where_some_are_not_known(run):
 
 def test_tiff_has_its_scale_time_and_labels_where_imagej_looks(run, tmp_path):
     (path,) = runs.export(run, "tiff", tmp_path / "for imagej")
-    assert read_pixel_mm(path) == pytest.approx(0.02, rel=1e-6)
+    assert open_tiff(path).pixel_mm == pytest.approx(0.02, rel=1e-6)
     with tifffile.TiffFile(path) as tif:
         np.testing.assert_array_equal(tif.asarray(), pictures())
         meta = tif.imagej_metadata

@@ -17,8 +17,7 @@ from PIL import Image
 import isochrome.samples as samples
 from isochrome.calibration import calibrate_bending, calibrate_disc, load_set
 from isochrome.demonstration import read_truth
-from isochrome.frames import look_through
-from isochrome.output import read_pixel_mm
+from isochrome.frames import look_through, open_tiff
 from isochrome.reference import (
     contact_modulus,
     coupled_contact,
@@ -62,7 +61,7 @@ def same_image(shipped: Path, rendered: Path) -> None:
         one, two = (np.asarray(p) for p in pictures)
     else:
         one, two = (tifffile.imread(p) for p in (shipped, rendered))
-        assert read_pixel_mm(shipped) == pytest.approx(read_pixel_mm(rendered), rel=1e-9)
+        assert open_tiff(shipped).pixel_mm == pytest.approx(open_tiff(rendered).pixel_mm, rel=1e-9)
     assert one.shape == two.shape and one.dtype == two.dtype
     if one.dtype == np.uint8:
         assert np.abs(one.astype(int) - two.astype(int)).max() <= 1
@@ -124,7 +123,7 @@ def test_every_image_says_in_its_own_file_that_it_is_rendered():
 
 def test_a_stack_is_written_with_its_scale_and_says_that_it_is_rendered(tmp_path):
     write_small_tiff(tmp_path / "a.tif", np.zeros((2, 20, 30), np.uint8), pixel_mm=0.025)
-    assert read_pixel_mm(tmp_path / "a.tif") == pytest.approx(0.025, rel=1e-6)
+    assert open_tiff(tmp_path / "a.tif").pixel_mm == pytest.approx(0.025, rel=1e-6)
     with tifffile.TiffFile(tmp_path / "a.tif") as tif:
         assert len(tif.pages) == 2
         assert all("not captured" in page.description for page in tif.pages)
@@ -214,7 +213,7 @@ def test_contact_scene_is_nominal_and_its_frames_pass_the_check():
         assert getattr(scene, part) == getattr(nominal, part)
     checked = look_through(CONTACT / "captured.tif", scene)
     assert checked.count == 6 and {f.level for f in checked.findings} <= {"note"}
-    assert read_pixel_mm(CONTACT / "captured.tif") == pytest.approx(0.00607, rel=1e-6)
+    assert open_tiff(CONTACT / "captured.tif").pixel_mm == pytest.approx(0.00607, rel=1e-6)
 
 
 @pytest.mark.long

@@ -6,7 +6,8 @@ import tifffile
 
 import isochrome.simulation.rendering as rendering
 from isochrome import reference
-from isochrome.output import read_csv, read_pixel_mm
+from isochrome.frames import open_tiff
+from isochrome.output import read_csv
 from isochrome.scene import load_scene, parse_scene
 from isochrome.simulation import simulate
 from isochrome.stress import pixel_grid
@@ -140,7 +141,7 @@ def test_components_are_left_as_maps_with_a_scale_and_a_figure(tmp_path, found):
         # the same field, five rows further down; the angle is loose where there is no difference
         if name != "sigma_1_direction":
             np.testing.assert_allclose(stack[0, 5:], below, atol=1e-6 * PEAK)
-        assert read_pixel_mm(tmp_path / f"{name}.tif") == pytest.approx(0.02, rel=1e-6)
+        assert open_tiff(tmp_path / f"{name}.tif").pixel_mm == pytest.approx(0.02, rel=1e-6)
     history = read_csv(tmp_path / "history.csv")
     assert history["shear_max_z_mm"][0] == pytest.approx(found.history["shear_max_z_mm"][0])
     assert (tmp_path / "stress.png").read_bytes().startswith(b"\x89PNG")

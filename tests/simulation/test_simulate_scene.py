@@ -7,8 +7,8 @@ import pytest
 import tifffile
 
 from isochrome.errors import InputError, PhysicsError
-from isochrome.frames import open_frames
-from isochrome.output import read_csv, read_pixel_mm
+from isochrome.frames import open_frames, open_tiff
+from isochrome.output import read_csv
 from isochrome.scene import dump_scene, load_scene, parse_scene
 from isochrome.simulation import (
     make_picture,
@@ -187,7 +187,7 @@ def test_simulate_leaves_its_files_whole(written):
     np.testing.assert_array_equal(tifffile.imread(out / "fringe_order.tif"), memory.orders)
     # tags hold rationals of 32 bits
     for name in ("frames.tif", "fringe_order.tif"):
-        assert read_pixel_mm(out / name) == pytest.approx(4 * 0.00607, rel=1e-6)
+        assert open_tiff(out / name).pixel_mm == pytest.approx(4 * 0.00607, rel=1e-6)
     history = read_csv(out / "history.csv")
     assert set(memory.history) <= set(history) and history["label"] == memory.history.pop("label")
     for name, values in memory.history.items():

@@ -1,9 +1,4 @@
-"""`process_campaign`: many recordings by one scene, each on its own, and a table of all.
-
-What became of one recording of a campaign: its folder, its row of the summary, its curves.
-
-The picture of a campaign: load and friction of each recording, and how they went in it.
-"""
+"""`process_campaign`: many recordings by one scene, each on its own, and a table of all."""
 
 from __future__ import annotations
 
@@ -51,8 +46,7 @@ def folder_names(recordings: Sequence[FramesPath]) -> tuple[str, ...]:
     """A folder's name for each recording: its file's without the ending, or its folder's.
 
     Names that are equal, but perhaps for capitals, get the name of the folder that they are in, and
-    where this does not help a number. Each is one plain name: it leads to no other folder, on
-    Windows neither.
+    where this does not help a number. Each is one plain name on every system.
     """
     firsts = (frames if isinstance(frames, str | Path) else frames[0] for frames in recordings)
     places = [Path(os.path.abspath(first)) for first in firsts]
@@ -86,9 +80,6 @@ def _plain(name: str) -> str:
 
 Array = NDArray[np.float64]
 
-_POINTS = 500
-"""Frames of a recording that are drawn: more than its part of a figure has pixels across."""
-
 _VALUES = ("frames", "failed_frames", "flagged_frames", "duration_s", "pixel_mm", "chi_median",
            "chi_max", "kept_share")  # fmt: skip
 """Columns of the summary whose values a recording that failed has not."""
@@ -107,10 +98,9 @@ class Task:
 class Outcome:
     """What became of a recording.
 
-    `row` of the summary; `inputs`, its files with their SHA-256; `exit_code`, 0, or the one that
-    `process` alone would have ended with; `already`, whether an earlier campaign had left it all;
-    `curves`, for the figure: `distance_m`, `frame`, and fitted keys with their uncertainties, of as
-    many frames as can be seen.
+    `row` of the summary; `inputs`, its files with their SHA-256; `exit_code`, as of `process`
+    alone; `already`, whether an earlier campaign had left it all; `curves`, for the figure:
+    `distance_m`, `frame`, fitted keys with their uncertainties, of as many frames as can be seen.
     """
 
     row: dict[str, Any]
@@ -123,9 +113,7 @@ class Outcome:
 def outcome_of(
     task: Task, scene: Scene, options: Mapping[str, Any], progress: RunProgress | None = None
 ) -> Outcome:
-    """Process one recording into its folder; what is wrong with it, NoCluster apart, becomes its
-    row.
-    """
+    """Process one recording into its folder; what is wrong with it, NoCluster apart, is its row."""
     try:
         if task.folder.is_symlink():
             raise InputError("symbolic_link_results_put", folder=task.folder)
@@ -145,7 +133,11 @@ def failed(task: Task, error: IsochromeError) -> Outcome:
     # what is kept of an unfinished run depends on when it was stopped; the reason does not
     bare = isinstance(cause, IsochromeError) and str(error).startswith(f"{cause} (")
     row = _row(task, "failed") | {"error": " ".join(str(cause if bare else error).split())}
-    return Outcome(row, _hashes(task.frames), error.exit_code)
+    hashes: dict[str, str] = {}
+    for place in [task.frames] if isinstance(task.frames, str | Path) else task.frames:
+        with suppress(InputError, OSError):  # what cannot be read has none
+            hashes |= output.provenance(None, [place])["inputs_sha256"]
+    return Outcome(row, hashes, error.exit_code)
 
 
 def _row(task: Task, status: str) -> dict[str, Any]:
@@ -188,7 +180,9 @@ def _read(task: Task, processed: Processed) -> Outcome:
         row["error"] = message("frames_could_not_processed", failed=processed.failed, count=count)
     record = json.loads((task.folder / runs.PROVENANCE).read_text("utf-8"))
     drawn = ("distance_m", "frame", *keys, *(f"{key} {SPREAD}" for key in keys))
-    curves = {name: output.numbers(table[name])[:: -(-count // _POINTS)] for name in drawn}
+    curves = {
+        name: output.numbers(table[name])[:: -(-count // figures.MOST_POINTS)] for name in drawn
+    }
     code = InputError.exit_code if processed.failed else 0
     return Outcome(row, record["inputs_sha256"], code, processed.already, curves)
 
@@ -202,23 +196,10 @@ def _of_known(measure: Any, values: Array) -> float | None:
     return float(measure(values)) if values.size else None
 
 
-def _hashes(frames: FramesPath) -> dict[str, str]:
-    """The files of a recording that can be read, with their SHA-256."""
-    result = {}
-    for place in map(Path, [frames] if isinstance(frames, str | Path) else frames):
-        with suppress(OSError):
-            for file in sorted(place.iterdir()) if place.is_dir() else [place]:
-                with suppress(InputError, OSError):
-                    if file.is_file():
-                        result[str(file)] = output.sha256(file)
-    return result
-
-
 def run_side_by_side(
     tasks: Mapping[int, Task], scene: Scene, options: Mapping[str, Any], workers: int
 ) -> Generator[tuple[int, Outcome]]:
-    """Process recordings by their numbers in worker processes, each of which does one after the
-    other.
+    """Process recordings by their numbers in worker processes, each one after the other.
 
     Where a worker is killed, those that were in work then are done again, each by a worker of its
     own: what kills that too has failed, and the others go on.
@@ -263,15 +244,10 @@ _BANDED = 12
 _NAMED = 30
 """Recordings whose names have room below an axis; more are counted."""
 
-_LETTERS = 22
-"""Of a name that are shown."""
-
 
 def summary_figure(name: str, outcomes: Sequence[Outcome]) -> Figure | None:
-    """Values over recordings, and within each over the distance, or the frames, with bands.
-
-    None where no recording has a fitted load or friction.
-    """
+    """Values over recordings, and within each over distance or frames; None where none was
+    fitted."""
     panels = _panels(outcomes, range(len(outcomes)))
     failed = sum(item.row["status"] == "failed" for item in outcomes)
     head = f"{figures.plain_name(name)}: {output.counted(len(outcomes), 'recording')}"
@@ -314,7 +290,10 @@ def _panels(every: Sequence[Outcome], rows: Sequence[int]) -> figures.PaperPanel
     plots = [
         figures.Plot(title=name, draw=partial(draw, key)) for key in keys for name, draw in draws
     ]
-    named = [f"{k + 1} {figures.plain_name(str(every[k].row['folder']), _LETTERS)}" for k in rows]
+    named = [
+        f"{k + 1} {figures.plain_name(str(every[k].row['folder']), figures.SHORT_NAME)}"
+        for k in rows
+    ]
     note = "Recordings: " + ("; ".join(named) if len(rows) <= _NAMED else "as in summary.csv")
     return figures.PaperPanels(plots=plots, plots_across=2, notes=(note,))
 
@@ -338,7 +317,6 @@ def _over_recordings(
 def _within(
     axes: Axes, key: str, outcomes: Sequence[Outcome], colours: Sequence[Any], across: str
 ) -> None:
-    """A key's course in each recording."""
     for item, colour in zip(outcomes, colours, strict=True):
         if key not in item.curves:
             continue
@@ -374,10 +352,7 @@ def summary_of(scene: Scene, outcomes: Sequence[Outcome]) -> dict[str, Any]:
 
 
 def write_summary(out: Path, scene: Scene, outcomes: Sequence[Outcome], beside: Path) -> None:
-    """Leave summary.csv, summary.json and, where a key was fitted that has one, summary.png.
-
-    They are made in a folder `beside` the results, on the same drive.
-    """
+    """Leave summary.csv, .json and, where a key was fitted, .png, by way of a folder `beside`."""
     folder = output.output_folder(out)
     table, summary, picture = SUMMARIES
     figure = summary_figure(scene.name, outcomes)
@@ -398,21 +373,8 @@ def write_summary(out: Path, scene: Scene, outcomes: Sequence[Outcome], beside: 
         ) from error
 
 
-def check_summary(out: Path) -> None:
-    """Refuse to replace files of the summary's names that no campaign has left."""
-    path, rows = out / SUMMARIES[1], None
-    present = [out / name for name in SUMMARIES if os.path.lexists(out / name)]
-    with suppress(OSError, ValueError, KeyError, TypeError):
-        rows = json.loads(path.read_text("utf-8"))["recordings"]
-    if present and rows is None and not runs.has_own_keys(path):
-        raise InputError("would_replaced_campaign_summary", there=present[0])
-
-
 CampaignProgress = Callable[[Tally, Tally | None], None]
-"""Called with the recordings' Tally, and that of the frames of the one in work.
-
-The second is None where none is, or several are.
-"""
+"""Called with the recordings' Tally, and that of the frames of the one in work, if it is one."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -427,8 +389,6 @@ class Campaign(output.Result):
         The scene as given.
     outcomes : tuple of Outcome
         What became of each recording, in order.
-    draw : callable, optional
-        Not used: the figure is made of the outcomes.
     """
 
     out: Path
@@ -546,11 +506,8 @@ def process_campaign(
     Examples
     --------
     >>> import isochrome
-    >>> scene = isochrome.load_scene("ring").with_values({
-    ...     "load.normal_n": 60.0, "camera.width_px": 128, "camera.height_px": 128,
-    ...     "camera.pixel_mm": 0.36, "camera.noise_grey": 1.0})
-    >>> simulated = isochrome.simulate(scene, "simulated")
-    >>> found = isochrome.process_campaign(["simulated/frames.tif"], scene, "all")
+    >>> simulated = isochrome.simulate("ring", "simulated")
+    >>> found = isochrome.process_campaign(["simulated/frames.tif"], "ring", "all")
     >>> found.table["status"].tolist()
     ['ok']
     """
@@ -583,12 +540,17 @@ def process_campaign(
 
 
 def _check_place(target: Path, root: Path, tasks: Sequence[Task]) -> None:
-    """Refuse a folder that holds something else than recordings' results."""
+    """Refuse a folder that holds something else than recordings' results and their summary."""
     if not tasks:
         raise InputError("no_recordings_named_name")
     if (target / runs.PROVENANCE).exists() or runs.has_run(root):
         raise InputError("holds_results_one_recording", target=target, tasks_count=len(tasks))
-    check_summary(target)
+    path, rows = target / SUMMARIES[1], None
+    present = [target / name for name in SUMMARIES if os.path.lexists(target / name)]
+    with suppress(OSError, ValueError, KeyError, TypeError):
+        rows = json.loads(path.read_text("utf-8"))["recordings"]
+    if present and rows is None and not runs.has_own_keys(path):
+        raise InputError("would_replaced_campaign_summary", there=present[0])
     for task in tasks:
         first = task.frames if isinstance(task.frames, str | Path) else task.frames[0]
         if task.folder.exists() and task.folder.resolve() == Path(first).resolve():

@@ -41,26 +41,19 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.image import AxesImage
 
-MOST_ROWS = 8
-"""Frames that are drawn, evenly spaced ones of more."""
-
 _ROWS_FOR_PAPER = 3
 """Frames of a figure for a paper where nobody names them."""
-_LABEL_LENGTH = 26
 
 
 def side_by_side(
     experiment: ComparedFrames, simulation: ComparedFrames, metrics: Sequence[FrameMetrics]
 ) -> Figure:
-    """Draw captured and simulated fringe patterns beside each other, with their difference.
+    """Draw experiment, simulation and difference beside each other (the paper's Fig. 11).
 
-    Rows as in Figure 11 of the paper: experiment, simulation, experiment - simulation; one scale,
-    grey and difference range. The difference is the order's where both have one, else the signal's
-    after gain and offset (`compare_signals`). Of more than 8 frames evenly spaced ones are drawn,
-    as the foot says. Simulated dark fringes lie over the experiment.
+    Of more than 8 frames evenly spaced ones. Simulated dark fringes lie over the experiment.
     """
     pairs = frame_pairs(experiment, simulation)
-    rows = tuple(evenly_spaced(range(len(pairs)), MOST_ROWS))
+    rows = tuple(evenly_spaced(range(len(pairs)), reporting.MOST_FRAMES))
     panels = side_by_side_panels(experiment, simulation, metrics, rows)
     *notes, lines = panels.notes
     foot = ["One scale, grey range and difference range for all rows; hatched: not known.", lines]
@@ -77,10 +70,7 @@ def side_by_side_panels(
     metrics: Sequence[FrameMetrics],
     frames: tuple[int, ...] | None,
 ) -> figures.PaperPanels:
-    """The same for a paper: one scale, one grey range and one difference range for all frames.
-
-    InputError where there is no pair of the numbers `frames`.
-    """
+    """The same for a paper: one scale, one grey range and one difference range for all frames."""
     pairs = frame_pairs(experiment, simulation)
     shown = figures.chosen_frames(
         frames, len(pairs), evenly_spaced(range(len(pairs)), _ROWS_FOR_PAPER)
@@ -94,7 +84,7 @@ def side_by_side_panels(
             _draw_lines(axes, simulation, chosen[k][1], place)
         return drawn
 
-    labels = [figures.plain_name(numbers.label, _LABEL_LENGTH) for *_, numbers in chosen]
+    labels = [figures.plain_name(numbers.label, figures.SHORT_NAME) for *_, numbers in chosen]
     notes = [f"{label}: {_caption(row[2])}" for label, row in zip(labels, chosen, strict=True)]
     return figures.PaperPanels(
         kinds=[
@@ -149,11 +139,8 @@ def plot_side_by_side(
     Examples
     --------
     >>> import isochrome
-    >>> scene = isochrome.load_scene("ring").with_values({
-    ...     "load.normal_n": 60.0, "camera.width_px": 128, "camera.height_px": 128,
-    ...     "camera.pixel_mm": 0.36, "camera.noise_grey": 1.0})
-    >>> simulated = isochrome.simulate(scene)
-    >>> found = isochrome.process(simulated.frames, scene)
+    >>> simulated = isochrome.simulate("ring")
+    >>> found = isochrome.process(simulated.frames, "ring")
     >>> axes = isochrome.plot_side_by_side(found, simulated)
     >>> [one.get_title(loc="left") for one in axes][1:]
     ['simulation', 'experiment − simulation']
@@ -172,7 +159,7 @@ def plot_side_by_side(
 
         many: Any = {"figsize": (12.0, 4.0), "sharex": True, "sharey": True}
         panels = pyplot.subplots(1, 3, layout="constrained", **many)[1]
-    label = figures.plain_name(here.label(pairs[frame][0]), _LABEL_LENGTH)
+    label = figures.plain_name(here.label(pairs[frame][0]), figures.SHORT_NAME)
     titles = (f"experiment: {label}", "simulation", "experiment − simulation")
     for one, pane, title in zip(panels, panes, titles, strict=True):
         drawn = pane.draw(one, place, title)
@@ -245,7 +232,6 @@ def _panes_of(
 
 
 def _caption(numbers: FrameMetrics) -> str:
-    """Say the numbers of one row in one line."""
     parts = []
     if numbers.order_rms_fringe is not None:
         rms, p95 = numbers.order_rms_fringe, numbers.order_p95_fringe
@@ -277,19 +263,19 @@ def comparison_report(
     metrics, columns = result.metrics, result.columns
     chosen = reporting.choose_frames(columns["rmse"], columns["rmse"])
     pairs = frame_pairs(experiment, simulation)
-    rows = [(*pairs[one.number], metrics[one.number]) for one in chosen]
+    rows = [(*pairs[k], metrics[k]) for k in chosen]
     panes, place = _panes_of(experiment, simulation, rows)
     frames = [
         reporting.ReportFrame(
             number=numbers.frame,
             label=numbers.label,
-            why=one.why.replace("chi", "difference"),
+            why=why.replace("chi", "difference"),
             panes=panes[row],
             order=None if experiment.order is None else experiment.order[i],
             model_order=None if simulation.order is None else simulation.order[j],
             **place,
         )
-        for row, (one, (i, j, numbers)) in enumerate(zip(chosen, rows, strict=True))
+        for row, (why, (i, j, numbers)) in enumerate(zip(chosen.values(), rows, strict=True))
     ]
     few = ", for the reason that stands beside each" if len(chosen) < len(metrics) else ""
     parts = []
@@ -327,8 +313,6 @@ class Comparison(Result):
         The numbers, one entry a pair of frames.
     load : callable
         Reads both sets of frames again: a result holds numbers, not films.
-    draw : callable, optional
-        Not used: the figure is made of the sets.
     """
 
     metrics: list[FrameMetrics]
@@ -426,14 +410,12 @@ def compare(
     Examples
     --------
     >>> import isochrome
-    >>> scene = isochrome.load_scene("ring").with_values({
-    ...     "load.normal_n": 60.0, "camera.width_px": 128, "camera.height_px": 128,
-    ...     "camera.pixel_mm": 0.36, "camera.noise_grey": 1.0})
-    >>> one = isochrome.simulate(scene, "one")
-    >>> two = isochrome.simulate(scene.with_values({"load.normal_n": 61.0}), "two")
+    >>> one = isochrome.simulate("ring", "one")
+    >>> other = isochrome.load_scene("ring").with_values({"load.normal_n": 201.0})
+    >>> two = isochrome.simulate(other, "two")
     >>> found = isochrome.compare("one", "two")
     >>> print(f"{found.table['order_rms_fringe'][0]:.3f}")
-    0.008
+    0.009
     """
     tabled = isinstance(experiment, str | Path) and Path(experiment).suffix == ".toml"
     if isinstance(experiment, Scene) or tabled:
@@ -467,10 +449,9 @@ def compare(
 
 
 def compared_again(record: Mapping[str, Any], name: str) -> reporting.ReportContent:
-    """The report of two sets that were compared before, of the sets as they are on disk.
+    """The report of two sets that were compared before, as they are on disk; `name`, the folder.
 
-    `record` is the comparison's provenance.json, `name` its folder in messages. InputError where
-    the sets were not files, are not there, or are others by now.
+    InputError where the sets were not files, are not there, or are others by now.
     """
     sets = record.get(_SETS)
     if not sets:

@@ -18,7 +18,7 @@ from scipy.spatial import cKDTree
 from isochrome.errors import InputError
 from isochrome.frames import CHANNELS, SAME, channel_for, open_frames, open_tiff
 from isochrome.fringes import Skeleton, order_contours, skeletons
-from isochrome.output import read_csv, read_pixel_mm
+from isochrome.output import read_csv
 from isochrome.processing import PICTURE, Processed, corner_of
 from isochrome.runs import opened_record
 from isochrome.scene import Camera, FramesLike, Scene, load_scene
@@ -42,9 +42,8 @@ def skeleton_distance(
     """Mean distance between the fringe centre lines of two images; InputError where no line is.
 
     To the nearest line of the same kind (and order, where both know it); mean of both directions',
-    so that neither side's longer lines rule. A point without a partner within `reach_px` only
-    lowers `matched_share`: a missing line shows there alone. By default 20 px, about half the
-    distance of like fringes, or 100 with orders, as no line is taken for its neighbour there.
+    so that neither side's longer lines rule. A point without a partner within reach (half the
+    distance of like fringes, or more with orders) only lowers `matched_share`.
     """
     if not (len(experiment) or len(simulation)):
         raise InputError("no_fringe_line_either")
@@ -93,10 +92,9 @@ _SSIM_WINDOW = 7
 def compare_orders(experiment: ArrayLike, simulation: ArrayLike) -> Metrics:
     """Compare two maps (row, col) of the fringe order N, NaN = not known, where both are known.
 
-    d = N_experiment - N_simulation; rms = sqrt(mean d²); wrong branch: |d| > 0.25. The dark field,
-    sin²(pi N), has branches of half a fringe: inside the right one an arcsine errs by far less than
-    half of it, beyond it another is nearer. A pixel mirrored beside a branch's edge is not counted:
-    the share is a lower bound. InputError where the shapes differ or nothing is known in both.
+    d = N_experiment - N_simulation; rms = sqrt(mean d²); wrong branch: |d| > 0.25, half of a branch
+    of the dark field, sin²(pi N): a lower bound, as a pixel mirrored beside a branch's edge is not
+    counted.
     """
     measured, model, known = _paired(experiment, simulation, "fringe-order maps", "fringe order")
     difference = measured[known] - model[known]
@@ -117,11 +115,15 @@ def compare_signals(
 
     NCC = <(E - Ē)(S - S̄)>/(sd E sd S); RMSE = rms r, r = E - (gain S + offset) by least squares;
     over noise (a standard deviation) rms (r/noise), 1 if only noise is left. SSIM (7 x 7, E and
-    gain S + offset, windows wholly known, of a span of 1) is given as others report it: a
-    perfect model scores .893 on one noisy frame, one 1 % off in load .890. NaN: cannot be said.
+    gain S + offset, windows wholly known, of a span of 1) is given as others report it: a perfect
+    model scores .893 on one noisy frame, one 1 % off in load .890.
     """
     measured, model, known = _paired(experiment, simulation, "images", "signal")
-    gain, offset = brightness_line(measured[known], model[known])
+    a, b = (image[known] - image[known].mean() for image in (measured, model))
+    # the least-squares line of the grey levels; of a model without contrast their mean
+    flat = b @ b <= (1e-9 * (1.0 + float(np.abs(model[known]).max()))) ** 2 * b.size
+    gain = 0.0 if flat else float(a @ b) / float(b @ b)
+    offset = float(measured[known].mean() - gain * model[known].mean())
     fitted = gain * model + offset
     residual, over_noise = (measured - fitted)[known], np.nan
     if noise is not None:
@@ -129,7 +131,6 @@ def compare_signals(
         if not np.all(deviation > 0.0):
             raise InputError("noise_image_comparison_holds")
         over_noise = _rms(residual / deviation)
-    a, b = (image[known] - image[known].mean() for image in (measured, model))
     scale = float(np.sqrt((a @ a) * (b @ b)))
     largest = np.abs(measured[known]).max() * np.abs(model[known]).max()
     constant = scale <= 1e-18 * a.size * (1.0 + float(largest))
@@ -141,16 +142,6 @@ def compare_signals(
         "gain": gain,
         "offset": offset,
     }
-
-
-def brightness_line(measured: Floats, model: Floats) -> tuple[float, float]:
-    """Least-squares gain and offset of  measured = gain model + offset  (1-D, finite)."""
-    centred = model - model.mean()
-    power = float(centred @ centred)
-    if power <= (1e-9 * (1.0 + float(np.abs(model).max()))) ** 2 * model.size:
-        return 0.0, float(measured.mean())
-    gain = float(centred @ (measured - measured.mean())) / power
-    return gain, float(measured.mean() - gain * model.mean())
 
 
 def _paired(
@@ -316,11 +307,7 @@ class FrameMetrics:
 
 
 def compare_frames(experiment: ComparedFrames, simulation: ComparedFrames) -> list[FrameMetrics]:
-    """Compare two sets frame by frame, an entry a pair; one frame is compared with every other one.
-
-    InputError where numbers, shapes or pixel scales do not fit together, or a pair has no pixel to
-    compare.
-    """
+    """Compare two sets frame by frame, an entry a pair, see `frame_pairs`."""
     pairs = frame_pairs(experiment, simulation)
     return [compare_pair(experiment, simulation, k, pair) for k, pair in enumerate(pairs)]
 
@@ -328,11 +315,8 @@ def compare_frames(experiment: ComparedFrames, simulation: ComparedFrames) -> li
 def compare_pair(
     experiment: ComparedFrames, simulation: ComparedFrames, index: int, pair: tuple[int, int]
 ) -> FrameMetrics:
-    """Compare the frames of a pair, see `frame_pairs`.
-
-    Lines for the skeleton distance come from the order maps where both sides have them, else from
-    the signals; only where both images are known.
-    """
+    """Compare a pair: its fringe lines are the order maps', or the signals', where both are
+    known."""
     i, j = pair
     label = (experiment if len(experiment) >= len(simulation) else simulation).label(index)
     measured, model = experiment.signal[i], simulation.signal[j]
@@ -354,10 +338,7 @@ def compare_pair(
 
 
 def frame_pairs(experiment: ComparedFrames, simulation: ComparedFrames) -> list[tuple[int, int]]:
-    """Indices (experiment, simulation) of each pair: one to one, or a set's single frame with all.
-
-    InputError where the sets do not fit.
-    """
+    """Indices (experiment, simulation) of each pair: one to one, or a single frame with all."""
     if experiment.signal.shape[1:] != simulation.signal.shape[1:]:
         raise InputError(
             "frames_shape_experiment_simulation", shape=experiment.signal.shape[1:],
@@ -394,9 +375,7 @@ def load_frame_set(given: SetToCompare) -> ComparedFrames:
     """Load frames (frame, row, col) to compare, as a signal of 0 to 1.
 
     Of a result, in memory or a folder: `normalised.tif` or `frames.tif`, `fringe_order.tif`, labels
-    of `frames.csv` or `history.csv`, place of `scene.toml`. Else bare frames without orders, as by
-    `open_frames`: of colours the scene's channel or that nearest its wavelength, whole numbers over
-    2^bits - 1. InputError where parts do not fit, or it is a phase-stepped set.
+    of `frames.csv` or `history.csv`, place of `scene.toml`. Else bare frames, as by `open_frames`.
     """
     if isinstance(given, ComparedFrames):
         return given
@@ -439,9 +418,9 @@ def _of_result(result: Processed | Simulation) -> ComparedFrames:
 
 def _load_result(folder: Path, signal_name: str, table_name: str) -> ComparedFrames:
     opened_record(folder, (signal_name, _ORDER, table_name, "scene.toml"))
-    stack = _read_stack(folder / signal_name)
+    stack, pixel_mm = _read_stack(folder / signal_name)
     file = folder / _ORDER
-    order = _read_stack(file).astype(np.float32, copy=False) if file.exists() else None
+    order = _read_stack(file)[0].astype(np.float32, copy=False) if file.exists() else None
     table = read_csv(folder / table_name) if (folder / table_name).exists() else {}
     if PICTURE in table:
         shown = np.isfinite(table[PICTURE])
@@ -453,7 +432,7 @@ def _load_result(folder: Path, signal_name: str, table_name: str) -> ComparedFra
     scene = load_scene(resolved if resolved.exists() else {"specimen": {}})
     return _compared(
         stack, order, scene, table, name=str(folder / signal_name),
-        simulated=signal_name == "frames.tif", pixel_mm=read_pixel_mm(folder / signal_name),
+        simulated=signal_name == "frames.tif", pixel_mm=pixel_mm,
     )  # fmt: skip
 
 
@@ -467,10 +446,8 @@ def _compared(
     simulated: bool,
     pixel_mm: float | None = None,
 ) -> ComparedFrames:
-    """A result's frames (frame, row, col[, channel]) as a signal of 0 to 1, with orders and place.
-
-    `table`, the columns of frames.csv or history.csv.
-    """
+    """A result's frames (frame, row, col[, channel]) as a signal of 0 to 1; `table`, of
+    frames.csv."""
     camera, steps = scene.camera or Camera(), scene.polariscope.frames_a_state
     signal = _one_channel(scaled(stack, camera.bit_depth), scene)
     if order is not None and steps > 1 and len(signal) == steps * len(order):
@@ -502,10 +479,7 @@ def _compared(
 
 
 def scaled(image: NDArray[Any], bit_depth: int | None = None) -> NDArray[np.floating]:
-    """Whole-number pixels over 2^bits - 1, as float32; floats as they are.
-
-    InputError where a count is beyond the bit depth, by default that of the array's type.
-    """
+    """Whole-number pixels over 2^bits - 1, as float32, and none beyond it; floats as they are."""
     if not np.issubdtype(image.dtype, np.integer):
         return image.astype(np.float32, copy=False)
     full = 2 ** (bit_depth or 8 * image.dtype.itemsize) - 1
@@ -516,9 +490,10 @@ def scaled(image: NDArray[Any], bit_depth: int | None = None) -> NDArray[np.floa
     return image.astype(np.float32) / np.float32(full)
 
 
-def _read_stack(path: Path) -> NDArray[Any]:
-    """A TIFF as (frame, row, col) or, in colour, (frame, row, col, 3), in its own type."""
-    return np.stack([raw.image for raw in open_tiff(path).frames(0)])
+def _read_stack(path: Path) -> tuple[NDArray[Any], float | None]:
+    """A TIFF as (frame, row, col[, 3]) in its own type, and its pixel's side (mm)."""
+    source = open_tiff(path)
+    return np.stack([raw.image for raw in source.frames(0)]), source.pixel_mm
 
 
 def _one_channel(stack: NDArray[Any], scene: Scene) -> NDArray[Any]:

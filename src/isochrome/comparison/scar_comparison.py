@@ -18,6 +18,7 @@ from isochrome.calibration import WearSet
 from isochrome.contact import SurfaceState, contact_states
 from isochrome.errors import InputError
 from isochrome.messages import message, warnings_json
+from isochrome.reporting import MOST_FRAMES
 from isochrome.runs import opened_record, seal
 from isochrome.scars import LevelledTrace, UnclearScarError, definite, levelled, read_trace
 from isochrome.scene import Scene, dump_scene, load_scene, parse_toml, read_text
@@ -81,8 +82,7 @@ def simulated_scars(scene: Scene, distances_m: Sequence[float]) -> list[Simulate
     """Simulate a scene's scars, and how its stated uncertainties move them.
 
     Each input is moved by its standard uncertainty to both sides: dh = (h(+u) - h(-u))/2, which is
-    h's derivative times u to the second order. InputError where there is no wear, or an input less
-    its uncertainty is no value that it may have; PhysicsError where a contact cannot be solved.
+    h's derivative times u to the second order.
     """
     if scene.wear is None:
         raise InputError("has_no_wear_which", name=scene.name)
@@ -135,7 +135,6 @@ def _scar(
 
 
 def _depth(state: SurfaceState) -> Array:
-    """Worn depth (n,), µm."""
     return 1e3 * state.wear_depth_mm
 
 
@@ -210,10 +209,19 @@ def pair_scar(trace: LevelledTrace, scar: SimulatedScar) -> ScarPair:
 
     With d = h_measured - h_simulated over n bins the shift is that of least dᵀ C_trace⁻¹ d, from
     the middles between both scars' edges: u_shift² = 1/(h'ᵀ C_trace⁻¹ h'), C = C_trace + Σ_inputs
-    δh δhᵀ + u_shift² h' h'ᵀ, chi² = dᵀ C⁻¹ d/n. A scar that is deeper or wider than the other stays
-    in the middle: h' is odd about it.
+    δh δhᵀ + u_shift² h' h'ᵀ, chi² = dᵀ C⁻¹ d/n. A deeper or wider scar stays in the middle: h' is
+    odd.
     """
-    shift, spread = _aligned(trace, scar)
+    first = trace.centre_mm - scar.centre_mm
+    fitted = _both(trace, scar, first)
+    root = np.linalg.cholesky(definite(trace.depth_covariance_um2[np.ix_(fitted, fitted)]))
+
+    def residual(shift: Array) -> Array:
+        simulated = scar.on_bins(trace.x_mm - shift[0], scar.depth_um)
+        return np.linalg.solve(root, (trace.depth_um - simulated)[fitted])
+
+    best = least_squares(residual, [first], x_scale=scar.width_mm)
+    shift, spread = float(best.x[0]), float(np.linalg.norm(best.jac)) ** -1.0
     x = trace.x_mm - shift
     inside, slope = _both(trace, scar, shift), scar.slope(x, scar.depth_um)
     simulated = scar.on_bins(x, scar.depth_um)
@@ -237,20 +245,6 @@ def pair_scar(trace: LevelledTrace, scar: SimulatedScar) -> ScarPair:
         rms_um=float(np.sqrt(np.mean(d**2))),
         chi=float(np.sqrt(d @ np.linalg.solve(part, d) / len(d))),
     )
-
-
-def _aligned(trace: LevelledTrace, scar: SimulatedScar) -> tuple[float, float]:
-    """The shift (mm) of least squares, and its standard uncertainty."""
-    first = trace.centre_mm - scar.centre_mm
-    inside = _both(trace, scar, first)
-    root = np.linalg.cholesky(definite(trace.depth_covariance_um2[np.ix_(inside, inside)]))
-
-    def residual(shift: Array) -> Array:
-        simulated = scar.on_bins(trace.x_mm - shift[0], scar.depth_um)
-        return np.linalg.solve(root, (trace.depth_um - simulated)[inside])
-
-    best = least_squares(residual, [first], x_scale=scar.width_mm)
-    return float(best.x[0]), float(np.linalg.norm(best.jac)) ** -1.0
 
 
 def _both(trace: LevelledTrace, scar: SimulatedScar, shift: float) -> NDArray[np.intp]:
@@ -312,8 +306,6 @@ class ScarComparison(output.Result):
 
     Parameters
     ----------
-    draw : callable, optional
-        Makes the figure, of results that need more for it than they hold; not of this one.
     scene : Scene
         The scene whose wear made the simulated scars.
     names : tuple of str
@@ -444,7 +436,7 @@ class ScarComparison(output.Result):
             plots.append(plot(name, partial(overlay, row=row)))
             gap = partial(_draw_gap, row=row)
             plots.append(plot(f"{name}, measured − simulated", gap, down=False))
-            notes.append(f"{_area_text(row)}; {_difference_text(row)}.")
+            notes.append(_note(row))
         notes.append(f"Bands: ± {figures.BAND:g} standard uncertainties.")
         return figures.PaperPanels(plots=plots, plots_across=2, notes=notes)
 
@@ -454,7 +446,7 @@ class ScarComparison(output.Result):
         The top row is the paper's Fig. 7 beside its Fig. 9, with the band of the scene's inputs.
         """
         count = len({scar.distance_m for scar in self.scars})
-        panels = self.panels(tuple(output.evenly_spaced(range(count), MOST_DISTANCES)))
+        panels = self.panels(tuple(output.evenly_spaced(range(count), MOST_FRAMES)))
         name = figures.plain_name(self.scene.name)
         return figures.panels_figure(panels, f"{name}: measured scars beside simulated ones")
 
@@ -467,9 +459,8 @@ def compare_scars(
     """Set measured scars beside the simulated ones: depth over x, worn area, width, difference.
 
     Traces (of a scene, a `calibrate_wear` set, or files with their distances, m) are levelled on
-    their shoulders and moved onto the simulated scar by least squares. The band is the root sum of
-    squares of [h(+u) - h(-u)]/2 over the inputs: JCGM 100:2008 (GUM), 5.1. `out`: folder for
-    metrics.csv, scars.csv, provenance.json, scars.png. PhysicsError: no trace shows a scar.
+    their shoulders and moved onto the simulated scar. The band is the root sum of squares of [h(+u)
+    - h(-u)]/2 over the inputs: JCGM 100:2008 (GUM), 5.1. PhysicsError: no trace shows a scar.
     """
     files, listed = _traces(measured)
     if not isinstance(simulation, Scene) and Path(simulation).is_dir():  # what `simulate` left
@@ -499,9 +490,13 @@ def compare_scars(
 def _traces(
     measured: str | Path | Scene | WearSet | Sequence[tuple[str | Path, float]],
 ) -> tuple[list[Path], list[float]]:
-    """Files of traces, and their distances (m)."""
     rows: list[tuple[Path, float]]
-    if isinstance(measured, str | Path) and _is_wear_set(Path(measured)):
+    # sets of a wear calibration have traces, and no scenes do
+    if (
+        isinstance(measured, str | Path)
+        and (file := Path(measured)).is_file()
+        and "trace" in parse_toml(read_text(file), str(file))
+    ):
         measured = WearSet.read(measured)
     if isinstance(measured, WearSet):
         rows = [(measured.path(trace.file), trace.distance_m) for trace in measured.trace]
@@ -515,12 +510,8 @@ def _traces(
     wrong = [distance for _, distance in rows if not 0.0 < distance < np.inf]
     if wrong or not rows:
         raise InputError("distances_traces_give_traces", wrong=wrong)
-    return [file for file, _ in rows], [distance for _, distance in rows]
-
-
-def _is_wear_set(path: Path) -> bool:
-    """Whether a TOML file has traces, as sets of a wear calibration and no scenes have."""
-    return path.is_file() and "trace" in parse_toml(read_text(path), str(path))
+    files, distances = zip(*rows, strict=True)
+    return list(files), list(distances)
 
 
 def _paired(
@@ -545,9 +536,6 @@ def _paired(
     return tuple(pairs), tuple(messages)
 
 
-MOST_DISTANCES = 8
-"""Distances that are drawn, evenly spaced ones of more."""
-
 _FOR_PAPER = 4
 """Distances of a figure for a paper where nobody names them."""
 _BESIDE = 1.7
@@ -570,7 +558,9 @@ def _draw_traces(axes: Axes, row: _Row, depth: Callable[[ScarPair], Array]) -> N
     _, traces, colour = row
     for number, (name, pair) in enumerate(traces):
         look = {"color": colour, "lw": figures.LINE_PT, "alpha": 1.0 - 0.6 * number / len(traces)}
-        axes.plot(pair.x_mm, depth(pair), label=figures.plain_name(name, 24), **look)
+        axes.plot(
+            pair.x_mm, depth(pair), label=figures.plain_name(name, figures.SHORT_NAME), **look
+        )
 
 
 def _draw_gap(axes: Axes, row: _Row) -> None:
@@ -585,27 +575,21 @@ def _draw_gap(axes: Axes, row: _Row) -> None:
     figures.style_axes(axes, z_label="difference (µm)")
 
 
-def _area_text(row: _Row) -> str:
-    """Worn areas, in 1e-3 mm²: the mean of the traces' beside the simulated one."""
+def _note(row: _Row) -> str:
+    """Worn areas, in 1e-3 mm², the mean of the traces' beside the simulated one; the difference."""
     scar, traces, _ = row
     model = simulated_text(
         1e3 * scar.worn_area_mm2, 1e3 * float(root_sum_square(scar.moved_area_mm2))
     )
     head = f"{scar.distance_m:g} m: worn area (1e-3 mm²)"
     if not traces:
-        return f"{head}: no clear scar, simulated {model}"
+        nothing = message("measured_simulated_nothing_compare")
+        return f"{head}: no clear scar, simulated {model}; {nothing}."
     area = [1e3 * pair.trace.worn_area_mm2 for _, pair in traces]
     spread = [1e3 * pair.trace.worn_area_uncertainty_mm2 for _, pair in traces]
     text = output.with_uncertainty(
         float(np.mean(area)), float(np.hypot.reduce(spread)) / len(spread)
     )
-    return f"{head} {text}, simulated {model}"
-
-
-def _difference_text(row: _Row) -> str:
-    traces = row[1]
-    if not traces:
-        return message("measured_simulated_nothing_compare")
-    rms = np.mean([pair.rms_um for _, pair in traces])
-    chi = np.mean([pair.chi for _, pair in traces])
-    return f"measured − simulated: {rms:.2g} µm rms, χ = {chi:.2f}"
+    rms, chi = np.mean([(pair.rms_um, pair.chi) for _, pair in traces], axis=0)
+    gap = f"measured − simulated: {rms:.2g} µm rms, χ = {chi:.2f}"
+    return f"{head} {text}, simulated {model}; {gap}."

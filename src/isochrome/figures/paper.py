@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from itertools import chain, count, product
 from pathlib import Path
 from string import ascii_lowercase
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +33,7 @@ from isochrome.figures.style import (
     new_figure,
     write_head,
 )
-from isochrome.output import replacing, write_csv
+from isochrome.output import Result, replacing, write_csv
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -139,24 +139,10 @@ class PaperPanels:
     notes: Sequence[str] = ()  # the panels' numbers and what holds for all, a paragraph each
 
 
-class WithPanels(Protocol):
-    """A result that can be drawn for a paper."""
-
-    @property
-    def title(self) -> str:
-        """What it is, in a line."""
-
-    def panels(self, frames: tuple[int, ...] | None = None) -> PaperPanels:
-        """Give the panels of some of its frames."""
-
-
 def chosen_frames(
     frames: tuple[int, ...] | None, count: int, default: Sequence[int], *, items: str = "frames"
 ) -> list[int]:
-    """The numbers of the frames that a figure shows: those asked for, or the default ones.
-
-    `items` is what they are called. InputError where there is no such frame.
-    """
+    """The numbers of the frames that a figure shows, as asked for or the default ones."""
     if frames is None:
         return list(default)
     beyond = [k for k in frames if not 0 <= k < count]
@@ -205,9 +191,7 @@ def curve_columns(axes: Axes) -> dict[str, Array]:
 
 
 def _all_curves(axes: Axes) -> Iterator[tuple[str, str, str, Array, dict[str, Array]]]:
-    """Curves of Axes and of those over them with a second scale: name, what is across and up, x,
-    values.
-    """
+    """Curves of Axes and of those over them: name, what is across and up, x, values."""
     across = _plain(axes.get_xlabel()) or "x"
     others = [one for one in axes.get_shared_x_axes().get_siblings(axes) if one is not axes]
     for scale in (axes, *others):
@@ -235,7 +219,8 @@ def _curves(axes: Axes) -> Iterator[tuple[str, Array, dict[str, Array]]]:
         x, y = _points(line)
         if line in held or line.get_transform() != axes.transData or not len(x):
             continue
-        same = [b for b in bands if _colour(b) == [*to_rgb(line.get_color())]]
+        colour = [*to_rgb(line.get_color())]
+        same = [b for b in bands if np.ravel(b.get_facecolor())[:3].tolist() == colour]
         bands = [band for band in bands if band not in same]
         values = {"": y}
         for band in same:
@@ -260,16 +245,10 @@ def _error_bars(bars: Any) -> Iterator[tuple[str, Array, dict[str, Array]]]:
 
 
 def _bars(axes: Axes, bars: Any) -> Iterator[tuple[str, Array, dict[str, Array]]]:
-    """Horizontal bars by the names at their axis."""
     names = [label.get_text().replace("\n", " ") for label in axes.get_yticklabels()]
     widths = np.array([patch.get_width() for patch in bars.patches], dtype=float)
     if len(names) == len(widths):
         yield "", np.array(names)[::-1], {"": widths[::-1]}
-
-
-def _colour(band: Any) -> list[float]:
-    """The colour of a band; of an empty one, none."""
-    return list(np.ravel(band.get_facecolor())[:3].tolist())
 
 
 def _ends(band: Any, x: Array) -> dict[str, Array]:
@@ -291,7 +270,6 @@ def _name(artist: Any) -> str:
 
 
 def _plain(text: str) -> str:
-    """A text in one line."""
     return " ".join(text.split())
 
 
@@ -309,22 +287,8 @@ _SHARE = 0.3
 """Longest bar, over the picture's width."""
 
 
-def bar_length_mm(width_mm: float) -> float:
-    """Length of a scale bar: 1, 2 or 5 times a power of ten, at most 0.3 of the picture's width."""
-    decade = 10.0 ** math.floor(math.log10(_SHARE * width_mm))
-    return decade * max(s for s in (1.0, 2.0, 5.0) if s * decade <= _SHARE * width_mm * 1.000001)
-
-
-def bar_label(length_mm: float) -> str:
-    """The words at a scale bar: its length in mm, or in µm below a tenth of that."""
-    return f"{length_mm:g} mm" if length_mm >= 0.1 else f"{1000.0 * length_mm:g} µm"
-
-
 def add_scale_bar(axes: Axes) -> None:
-    """Draw a scale bar on a picture in mm, on a white ground that shows on any picture.
-
-    A picture in pixels gets none.
-    """
+    """Draw a scale bar on a picture in mm, on a white ground that shows on any picture."""
     from matplotlib.font_manager import FontProperties
     from mpl_toolkits.axes_grid1.anchored_artists import AnchoredSizeBar
 
@@ -332,9 +296,13 @@ def add_scale_bar(axes: Axes) -> None:
         return
     left, right = axes.get_xlim()
     bottom, top = axes.get_ylim()
-    length = bar_length_mm(abs(right - left))
+    # 1, 2 or 5 times a power of ten, at most a share of the width
+    longest = _SHARE * abs(right - left)
+    decade = 10.0 ** math.floor(math.log10(longest))
+    length = decade * max(s for s in (1.0, 2.0, 5.0) if s * decade <= 1.000001 * longest)
+    label = f"{length:g} mm" if length >= 0.1 else f"{1000.0 * length:g} µm"
     bar = AnchoredSizeBar(
-        axes.transData, length, bar_label(length), "lower right", pad=0.25, borderpad=0.3, sep=2.0,
+        axes.transData, length, label, "lower right", pad=0.25, borderpad=0.3, sep=2.0,
         size_vertical=0.015 * abs(top - bottom), color=INK,
         fontproperties=FontProperties(size=PAPER_PT),
     )  # fmt: skip
@@ -376,7 +344,7 @@ def fold(text: str, room_mm: float) -> str:
     return textwrap.fill(held, max(12, int(room_mm / _LETTER_MM)), break_on_hyphens=False)
 
 
-def paper_figure(result: WithPanels, style: FigureStyle | None = None) -> Figure:
+def paper_figure(result: Result, style: FigureStyle | None = None) -> Figure:
     """Draw a result for a paper, laid out for the width of a journal's column.
 
     All letters have 8 pt at the final size. Pictures have a scale bar, where their scale is known,
@@ -402,23 +370,16 @@ def paper_figure(result: WithPanels, style: FigureStyle | None = None) -> Figure
     Examples
     --------
     >>> import isochrome
-    >>> scene = isochrome.load_scene("ring").with_values({
-    ...     "load.normal_n": 60.0, "camera.width_px": 128, "camera.height_px": 128,
-    ...     "camera.pixel_mm": 0.36, "camera.noise_grey": 1.0})
-    >>> figure = isochrome.paper_figure(
-    ...     isochrome.simulate(scene), isochrome.FigureStyle(width_mm=85))
+    >>> style = isochrome.FigureStyle(width_mm=85)
+    >>> figure = isochrome.paper_figure(isochrome.simulate("ring"), style)
     >>> round(25.4 * figure.get_figwidth())
     85
     """
     return figure_for_page(result, style or FigureStyle())[0]
 
 
-def figure_for_page(result: WithPanels, style: FigureStyle) -> tuple[Figure, tuple[str, ...]]:
-    """Draw `paper_figure`, and give the titles of the plots that have no room on the page.
-
-    What is taller than a page is laid out closer; its letters stay as large. InputError where the
-    result has no such picture or no such frame.
-    """
+def figure_for_page(result: Result, style: FigureStyle) -> tuple[Figure, tuple[str, ...]]:
+    """Draw `paper_figure`, and give the titles of the plots that have no room on the page."""
     make = getattr(result, "panels", None)
     if make is None:
         raise InputError(
@@ -478,10 +439,7 @@ def _plot_rows(panels: PaperPanels, style: FigureStyle, plots: Sequence[Plot]) -
 def _plot_heights(
     panels: PaperPanels, style: FigureStyle, plots: Sequence[Plot], *, lowest: bool = False
 ) -> list[float]:
-    """Heights of the rows of plots with titles and labels, mm, and of the legend below them.
-
-    Lower in a column's figure; `lowest`, the least of each.
-    """
+    """Heights (mm) of the rows of plots with titles and labels, and of the legend below them."""
     share = 1.0 if style.width_mm >= _COLUMN_MM else 0.8
     heights = []
     for row in _plot_rows(panels, style, plots):
@@ -705,7 +663,7 @@ _UNDATED = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}
 
 
 def save_figure(
-    result: WithPanels, path: str | Path, style: FigureStyle | None = None
+    result: Result, path: str | Path, style: FigureStyle | None = None
 ) -> tuple[Path, ...]:
     """Write a result's figure for a paper, and beside it the data of each plot as CSV.
 
@@ -735,11 +693,8 @@ def save_figure(
     Examples
     --------
     >>> import isochrome
-    >>> scene = isochrome.load_scene("ring").with_values({
-    ...     "load.normal_n": 60.0, "camera.width_px": 128, "camera.height_px": 128,
-    ...     "camera.pixel_mm": 0.36, "camera.noise_grey": 1.0})
     >>> style = isochrome.FigureStyle(width_mm=85, formats=("svg",))
-    >>> files = isochrome.save_figure(isochrome.simulate(scene), "ring", style)
+    >>> files = isochrome.save_figure(isochrome.simulate("ring"), "ring", style)
     >>> [file.name for file in files]
     ['ring.svg']
     """
@@ -769,7 +724,6 @@ def save_figure(
 
 
 def _content(figure: Figure, form: str, dpi: float) -> bytes:
-    """A figure as the bytes of a file."""
     from matplotlib import rc_context
     from matplotlib.image import AxesImage
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from functools import partial
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from isochrome.errors import InputError
 from isochrome.figures import style
 from isochrome.figures.paper import ENVELOPE, Plot, data_name
-from isochrome.output import FrameValues
+from isochrome.output import FittedResult, FrameValues
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -42,10 +42,8 @@ _FEW = 40
 
 
 def frame_axis(table: FrameValues) -> tuple[Array, str]:
-    """Where frames stand on an axis, and its label: at their distances (m) where they have several.
-
-    NaN for a frame that stands still among those that slide; else numbers.
-    """
+    """Where frames stand on an axis, and its label: at several distances (m; NaN: still), or
+    numbers."""
     known = table.distance_m[np.isfinite(table.distance_m)]
     if known.size and np.ptp(known) > 0.0:
         return table.distance_m, "sliding distance (m)"
@@ -95,9 +93,7 @@ def draw_course(
 
 
 def course_plot(title: str, across: str, place: Array, values: Array) -> Plot:
-    """A plot of values over places, of which `title` and `across` say what they are and in what
-    unit.
-    """
+    """A plot of values over places; `title` and `across` say what they are and in what unit."""
 
     def draw(axis: Axes) -> None:
         marker = "o" if len(values) <= _FEW else ""
@@ -166,9 +162,8 @@ def values_plots(table: FrameValues) -> list[Plot]:
 def budget_plot(title: str, parts: Mapping[str, float], *, unit: str) -> Plot:
     """An uncertainty budget as bars, the first on top, each with its share: a plot high enough.
 
-    Each input adds a standard uncertainty; none is drawn for those that add nothing. Small
-    contributions are drawn in a power of ten of the unit, for Matplotlib's own would stand in the
-    label's place.
+    Small contributions are drawn in a power of ten of the unit, for Matplotlib's own would stand in
+    the label's place.
     """
     parts = {name: part for name, part in parts.items() if part > 0.0 and np.isfinite(part)}
     tall = max(30.0, 5.0 * (len(parts) + 1))
@@ -280,15 +275,7 @@ def plot_frame(
     return drawn
 
 
-class WithFrameValues(Protocol):
-    """A result with values of each frame: of `process`, `fit` or `track`."""
-
-    @property
-    def over_frames(self) -> FrameValues:
-        """The values."""
-
-
-def plot_over_distance(result: WithFrameValues, key: str, axes: Axes | None = None) -> Axes:
+def plot_over_distance(result: FittedResult, key: str, axes: Axes | None = None) -> Axes:
     """Draw a fitted value over the sliding distance, or the frames, with its band of 2 u.
 
     Frames that stand still are squares at the distance 0; frames without distances are counted.
@@ -315,10 +302,7 @@ def plot_over_distance(result: WithFrameValues, key: str, axes: Axes | None = No
     Examples
     --------
     >>> import isochrome
-    >>> scene = isochrome.load_scene("ring").with_values({
-    ...     "load.normal_n": 60.0, "camera.width_px": 128, "camera.height_px": 128,
-    ...     "camera.pixel_mm": 0.36, "camera.noise_grey": 1.0})
-    >>> found = isochrome.process(isochrome.simulate(scene).frames, scene)
+    >>> found = isochrome.process(isochrome.simulate("ring").frames, "ring")
     >>> isochrome.plot_over_distance(found, "load.normal_n").get_ylabel()
     'normal load (N)'
     """

@@ -24,8 +24,8 @@ FRAME_MAP = "gray"
 VALUE_MAP = "viridis"
 DIFFERENCE_MAP = "RdBu_r"
 PAPER_DIRECTION_MAP = "twilight"
-"""Colours of a direction, the same at -90 and at 90 degrees: told apart by colour-blind readers and
-in grey."""
+"""Colours of a direction, the same at -90 and at 90 degrees, for colour-blind readers and in
+grey."""
 
 UNKNOWN_COLOUR = "#dcdcdc"
 """Light grey, hatched, where an image holds NaN (not known)."""
@@ -51,8 +51,8 @@ PAPER_PT, PAPER_LINE_MM = 8.0, 3.4
 FINE_PT, LINE_PT, BOLD_PT = 0.6, 1.0, 1.4
 """Widths of a line that guides the eye, that shows values, and that stands out."""
 
-LONGEST_NAME = 48
-"""Letters of a file's name in a title."""
+LONGEST_NAME, SHORT_NAME = 48, 24
+"""Letters of a file's name in a title, and beside others."""
 _HATCH_COLOUR = "#c4c4c4"
 
 
@@ -77,10 +77,7 @@ def new_figure(width_in: float, height_in: float) -> Figure:
 
 
 def style_axes(axes: Axes, *, x_label: str = "", z_label: str = "", title: str = "") -> None:
-    """Give one pair of axes, of a plot or an image, its labels and its title.
-
-    A label is a quantity with its unit in brackets; an empty one stays as it is.
-    """
+    """Give axes their labels, a quantity with its unit in brackets, and title; empty ones stay."""
     axes.set_xlabel(x_label or axes.get_xlabel())
     axes.set_ylabel(z_label or axes.get_ylabel())
     if title:
@@ -98,9 +95,7 @@ def add_legend(holder: Axes | Figure | SubFigure, *entries: Any, **where: Any) -
 
 
 def plain_name(name: str, longest: int = LONGEST_NAME) -> str:
-    """A file's name as a title may hold it: in one line, no formula, and if long without its
-    middle.
-    """
+    """A file's name as a title may hold it: in one line, no formula, if long without its middle."""
     line, half = " ".join(name.splitlines()), (longest - 1) // 2
     return (line if len(line) <= longest else f"{line[:half]}…{line[-half:]}").replace("$", r"\$")
 
@@ -122,7 +117,7 @@ def show_image(
 
     (row, col) values or (row, col, 3) colours, where 0 or `vmin` is black and 1 or `vmax` full
     light; by default the finite values' range. NaN is left out, and the hatched light grey behind
-    shows. `left_mm`, `top_mm`: outer edges. A colour bar is drawn where it has a label.
+    shows.
     """
     values = np.asarray(image)
     if values.dtype != np.float32:  # as maps are, of which a picture shows many
@@ -183,11 +178,8 @@ def add_colour_bar(drawn: AxesImage, label: str) -> Colorbar:
 
 
 def centred_limit(*differences: ArrayLike, percentile: float = 99.0) -> float:
-    """A symmetric colour limit for difference images: 1, 1.5, 2, 3, 5 or 7 times a power of ten.
-
-    It is the percentile of |difference| over all, NaN apart, rounded up; 1.0 where nothing is
-    finite or all is zero.
-    """
+    """A symmetric limit for differences: 1, 1.5, 2, 3, 5 or 7 times a power of ten, over 99 % of
+    all."""
     parts = [np.abs(np.asarray(each, dtype=float)).ravel() for each in differences]
     values = np.concatenate([part[np.isfinite(part)] for part in parts] or [np.zeros(0)])
     largest = float(np.percentile(values, percentile)) if values.size else 0.0

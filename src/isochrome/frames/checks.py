@@ -1,16 +1,8 @@
-"""Frames among those to be processed that show the unloaded specimen.
+"""What is wrong with a set of frames, in plain words, before a long run: one pass, and findings.
 
-Two signs are looked at, on means over blocks of pixels: a frame is nearly the scene's no-load
-picture, or its light hardly swings where that of the frames beside it swings from fringe to fringe.
-A load that begins or ends at nought goes through few fringes, and is no such frame.
-
-One pass over the frames, and findings on their light.
-
-Depth, exposure, noise, and the no-load frames; and whether the set can be its scene's.
-
-What is wrong with a set of frames, in plain words, before a long run.
-
-The picture of a check: the light of each frame, and how much of it is saturated.
+Among them frames of the unloaded specimen, by means over blocks of pixels: a frame is nearly the
+scene's no-load picture, or its light hardly swings where that of the frames beside it swings from
+fringe to fringe. A load that begins or ends at nought goes through few fringes, and is none.
 """
 
 from __future__ import annotations
@@ -65,13 +57,12 @@ UNLOADED = "looks_like_unloaded_specimen"
 class LoadSigns:
     """What of each frame says whether its specimen is loaded.
 
-    `pictures`, the no-load frames by key as block means of their light; `span`, of that light, 0
-    where it is not known; for each frame `unlike`, how far it is from each picture, and `paths`,
-    how far its levels go up and down along its lines, at most and usually, in full scales.
+    `pictures`, the no-load frames as block means of their light; of each frame `unlike`, how far it
+    is from each picture, and `paths`, how far its levels go up and down along its lines, at most
+    and usually, in full scales.
     """
 
     pictures: dict[str, Array] = field(default_factory=dict)
-    span: float = 0.0
     unlike: list[dict[str, float]] = field(default_factory=list)
     paths: list[tuple[float, float]] = field(default_factory=list)
 
@@ -86,35 +77,28 @@ class LoadSigns:
         self.paths.append((max(float(path.max()) for path in paths), usual))
 
 
-def load_signs(reader: FrameReader, scene: Scene) -> LoadSigns | None:
-    """Begin to look for unloaded frames.
+NoLoad = tuple[linear.Linear | None, linear.Linear | None]
+"""The scene's dark and bright no-load frame."""
 
-    None where the scene says that the load changes, or that some frames have none, and for phase
-    steps and colours.
-    """
+
+def load_signs(scene: Scene, no_load: NoLoad) -> LoadSigns | None:
+    """Begin to look for unloaded frames; None where loads change, some have none, or of steps."""
     frames, load = scene.frames, scene.load
     changes = load is not None and not isinstance(load.normal_n, int | float)
     without = frames.starts_unloaded or frames.known_loads_n or scene.polariscope.tells_orders
     if changes or without:
         return None
-    try:
-        dark, bright = linear.load_no_load(scene, full_shape=reader.full_shape)
-    except InputError:  # has a finding of its own
-        dark = bright = None
     signs = LoadSigns()
-    for key, one in (("no_load_dark", dark), ("no_load_bright", bright)):
+    for key, one in zip(("no_load_dark", "no_load_bright"), no_load, strict=True):
         if one is not None:
             # by the means of its levels, edges included, as that of frames
             levels = _blocks(np.maximum(one.image, 0.0) ** (1.0 / frames.first_gamma), one.valid)
             signs.pictures[f"frames.{key}"] = np.asarray(levels**frames.first_gamma)
-    if bright is not None:
-        signs.span = float(np.percentile(bright.image[bright.valid], 98.0))
     return signs
 
 
 def _among_many(none: NDArray[np.bool_], many: NDArray[np.bool_]) -> list[int]:
-    """Runs of frames without fringes that have frames of many on both sides; at an end of the set,
-    two of them on the other."""
+    """Runs of frames without fringes between frames of many; at an end of the set, beside two."""
     runs: list[int] = []
     ends = np.flatnonzero(np.diff(np.concatenate([[False], none, [False]]).astype(int)))
     for start, stop in ends.reshape(-1, 2).tolist():
@@ -174,10 +158,7 @@ class Finding:
 
 @dataclass(kw_only=True)
 class Survey:
-    """Raw figures of each frame, in raw grey levels, and of all together.
-
-    Of the specimen's pixels, where the frames carry its mask.
-    """
+    """Raw figures of each frame, in grey levels, of the specimen's pixels; and of all together."""
 
     count: int = 0
     low: list[float] = field(default_factory=list)  # 2nd percentile
@@ -194,11 +175,9 @@ class Survey:
     load: LoadSigns | None = None  # what says whether each is loaded; None: not asked
 
 
-def survey(reader: FrameReader, scene: Scene) -> Survey:
-    """Read all frames once, in memory that does not grow with their pixels; an InputError
-    ends it.
-    """
-    result, by_digest = Survey(load=load_signs(reader, scene)), dict[bytes, int]()
+def survey(reader: FrameReader, scene: Scene, no_load: NoLoad) -> Survey:
+    """Read all frames once, in memory that does not grow with them; an InputError ends it."""
+    result, by_digest = Survey(load=load_signs(scene, no_load)), dict[bytes, int]()
     full = linear.full_scale(reader.bit_depth)
     try:
         for frame in reader:
@@ -248,9 +227,7 @@ def refusals(*looks: Callable[[], object]) -> Iterator[Finding]:
 
 
 def misfits(reader: FrameReader, scene: Scene, count: int | None) -> Iterator[tuple[str, str]]:
-    """What of a set cannot be its scene's (size, number of frames, known points): whose, and a
-    sentence.
-    """
+    """What of a set cannot be its scene's (size, count, known points): whose, and a sentence."""
     rows, cols = reader.shape
     wear, steps = scene.wear, scene.polariscope.frames_a_state
     each = count is not None and count % steps == 0
@@ -294,9 +271,7 @@ def _other_size(reader: FrameReader, camera: Camera) -> Iterator[tuple[str, str]
 
 
 def _places_beyond(scene: Scene, rows: int, cols: int) -> Iterator[tuple[str, str]]:
-    """Tell of known points, and of lines and boundaries by their first such point, that leave the
-    picture.
-    """
+    """Tell of known points, and of the first one of lines and boundaries, beyond the picture."""
     frames = scene.frames
     for i, known in enumerate(frames.known_order, start=1):
         if known.row_px >= rows or known.col_px >= cols:
@@ -348,9 +323,16 @@ def of_light(reader: FrameReader, light: Survey) -> Iterator[Finding]:
         return
     full = linear.full_scale(reader.bit_depth)
     low, high = np.array(light.low), np.array(light.high)
-    clear = ~(np.isnan(light.largest) | (np.array(light.smallest) == np.array(light.largest)))
-    yield from _blank(light, full)
-    share = np.array(light.saturated)
+    small, large = np.array(light.smallest), np.array(light.largest)
+    empty, flat = np.isnan(large), small == large
+    yield from _frames("error", empty, message("no_number_nan_only"))
+    yield from _frames("error", flat & (large <= 0), message("all_black_light"))
+    yield from _frames("error", flat & (large >= full), message("all_white_lower_exposure"))
+    within = flat & (large > 0) & (large < full)
+    yield from _frames("error", within, message("constant_captured_frame"))
+    holes = (np.array(light.not_finite) > 0) & ~empty
+    yield from _frames("note", holes, message("some_pixels_not_finite"))
+    clear, share = ~(empty | flat), np.array(light.saturated)
     worst = message("saturated_up_pixels_which", max=100 * share.max())
     yield from _frames("warning", clear & (share > SATURATED), worst + "the exposure")
     weak = clear & (high - low < LOW_CONTRAST * full) & (share <= SATURATED)
@@ -377,19 +359,6 @@ def of_light(reader: FrameReader, light: Survey) -> Iterator[Finding]:
         yield Finding("note", text)
 
 
-def _blank(light: Survey, full: float) -> Iterator[Finding]:
-    """Frames with nothing in them: no number, all black, all white, one value."""
-    small, large = np.array(light.smallest), np.array(light.largest)
-    empty, flat = np.isnan(large), small == large
-    yield from _frames("error", empty, message("no_number_nan_only"))
-    yield from _frames("error", flat & (large <= 0), message("all_black_light"))
-    yield from _frames("error", flat & (large >= full), message("all_white_lower_exposure"))
-    within = flat & (large > 0) & (large < full)
-    yield from _frames("error", within, message("constant_captured_frame"))
-    holes = (np.array(light.not_finite) > 0) & ~empty
-    yield from _frames("note", holes, message("some_pixels_not_finite"))
-
-
 def _frames(level: Level, where: np.ndarray, text: str) -> Iterator[Finding]:
     """One finding for all frames that share a fault, as 'frames 2-5, 9: ...'."""
     index = np.flatnonzero(where)
@@ -403,7 +372,7 @@ def of_unloaded(reader: FrameReader, light: Survey, scene: Scene) -> Iterator[Fi
     if signs is None or not np.isfinite(span).any():
         return
     full, gamma = linear.full_scale(reader.bit_depth), scene.frames.first_gamma
-    unit = signs.span or float((max(np.nanmax(light.high), 0.0) / full) ** gamma)
+    unit = float((max(np.nanmax(light.high), 0.0) / full) ** gamma)
     like: dict[str, list[int]] = {}  # numbers of frames by the picture that each is like
     for index, far in enumerate(signs.unlike):
         if near := [key for key, value in far.items() if value < _ALIKE * unit]:
@@ -421,11 +390,10 @@ def of_unloaded(reader: FrameReader, light: Survey, scene: Scene) -> Iterator[Fi
         yield Finding("warning", f"{named_frames(fringeless)}: " + why, fringeless[0])
 
 
-def of_no_load(reader: FrameReader, light: Survey, scene: Scene) -> Iterator[Finding]:
-    """Findings on the no-load frames: missing, unreadable, of another size or exposure.
-
-    A phase-stepped set tells its own background and illumination, and needs none of them.
-    """
+def of_no_load(
+    reader: FrameReader, light: Survey, scene: Scene, no_load: NoLoad
+) -> Iterator[Finding]:
+    """Findings on the no-load frames: missing, unreadable, of another size or exposure."""
     frames = scene.frames
     if scene.polariscope.step:
         if frames.no_load_steps is not None:
@@ -435,11 +403,7 @@ def of_no_load(reader: FrameReader, light: Survey, scene: Scene) -> Iterator[Fin
     missing = " and ".join(f"frames.{key}" for key in keys if getattr(frames, key) is None)
     if missing:
         yield Finding("warning", message("not_given_unloaded_specimen", missing=missing))
-    try:
-        dark, bright = linear.load_no_load(scene, full_shape=reader.full_shape)
-    except InputError as error:
-        yield Finding("error", str(error))
-        return
+    dark, bright = no_load
     if not light.count or np.isnan(light.low).all():
         return
     full = linear.full_scale(reader.bit_depth)
@@ -477,8 +441,6 @@ class Check(Result):
         Size of a frame, (rows, cols); None where they could not be opened.
     light : Survey, optional
         Light of the frames; None where they could not be opened.
-    draw : callable, optional
-        Not used: the figure is made of `light`.
     """
 
     findings: tuple[Finding, ...]
@@ -521,10 +483,25 @@ class Check(Result):
         return {"ok": self.ok, "frames": self.count, "findings": rows}
 
     def figure(self) -> Figure:
-        """The light of each frame, see `light_figure`. Raises InputError where none was read."""
-        if self.light is None or not self.count:
+        """The span of the grey levels of each frame, and the share of its pixels at full scale."""
+        light = self.light
+        if light is None or not self.count:
             raise InputError("no_frame_read_there")
-        return light_figure(self.light)
+        figure = new_figure(7.5, 4.6)
+        panels: Any = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
+        levels, saturated = panels
+        frame = np.arange(len(light.low))
+        levels.fill_between(frame, light.low, light.high, color=LINE_COLOURS[0], alpha=0.3, lw=0)
+        look: Any = {"marker": "o", "ms": 3, "lw": LINE_PT}
+        for name, values in (("98 %", light.high), ("2 %", light.low)):
+            levels.plot(frame, values, color=LINE_COLOURS[0], **look)
+            beside = {"xytext": (5, -3), "textcoords": "offset points"}
+            levels.annotate(name, (frame[-1], values[-1]), **beside)
+        levels.margins(x=0.1)  # room for what stands beside the last
+        style_axes(levels, z_label="grey level", title="98 % and 2 % of the pixels are darker")
+        saturated.plot(frame, 100.0 * np.array(light.saturated), color=LINE_COLOURS[1], **look)
+        style_axes(saturated, x_label="frame", z_label="saturated (% of pixels)")
+        return figure
 
     @property
     def ok(self) -> bool:
@@ -533,11 +510,9 @@ class Check(Result):
 
 
 def look_through(path: FramesLike, scene: Scene) -> Check:
-    """Look through captured frames once, without a model: what is wrong with them for this scene.
+    """What is wrong with captured frames for this scene, in one pass, without a model.
 
-    Counts, sizes, times, bit depth, exposure, saturation, noise and no-load frames are looked at,
-    in one pass with one frame in memory, and whether a frame shows the unloaded specimen. Errors
-    come first; frames that cannot be read are a finding, not an exception.
+    Frames that cannot be read are a finding, not an exception; errors come first.
     """
     findings = []
     if not scene.has_model:
@@ -549,8 +524,13 @@ def look_through(path: FramesLike, scene: Scene) -> Check:
         reader = open_scene_frames(path, scene, any_scale=True)
     except InputError as error:
         return Check(_sorted([Finding("error", str(error)), *findings]), 0, None)
+    no_load: NoLoad = None, None
+    try:
+        no_load = linear.load_no_load(scene, full_shape=reader.full_shape)
+    except InputError as error:
+        findings.append(Finding("error", str(error)))
     with reader:
-        light = survey(reader, scene)
+        light = survey(reader, scene, no_load)
     if light.failure is not None:
         findings.append(Finding("error", light.failure, light.count))
     findings += _of_file(reader, scene)
@@ -565,7 +545,7 @@ def look_through(path: FramesLike, scene: Scene) -> Check:
         findings.append(Finding("warning", text))
     findings += of_depth(reader, light)
     findings += of_light(reader, light)
-    findings += of_no_load(reader, light, scene)
+    findings += of_no_load(reader, light, scene, no_load)
     findings += of_unloaded(reader, light, scene)
     return Check(_sorted(findings), light.count, reader.shape, light)
 
@@ -597,22 +577,3 @@ def _of_file(reader: FrameReader, scene: Scene) -> Iterator[Finding]:
         yield Finding("note", message("compressed_loss_which_hides", names=names[0]))
     if scene.frames.gamma == 1 and (lossy or reader.kind == "video" or reader.channel is not None):
         yield Finding("note", message("frames_gamma_says_grey"))
-
-
-def light_figure(light: Survey) -> Figure:
-    """The span of the grey levels of each frame, and the share of its pixels at full scale."""
-    figure = new_figure(7.5, 4.6)
-    panels: Any = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
-    levels, saturated = panels
-    frame = np.arange(len(light.low))
-    levels.fill_between(frame, light.low, light.high, color=LINE_COLOURS[0], alpha=0.3, lw=0)
-    for name, values in (("98 %", light.high), ("2 %", light.low)):
-        levels.plot(frame, values, color=LINE_COLOURS[0], marker="o", ms=3, lw=LINE_PT)
-        look: Any = {"textcoords": "offset points"}
-        levels.annotate(name, (frame[-1], values[-1]), xytext=(5, -3), **look)
-    levels.margins(x=0.1)  # room for what stands beside the last
-    style_axes(levels, z_label="grey level", title="98 % and 2 % of the pixels are darker")
-    share = 100.0 * np.array(light.saturated)
-    saturated.plot(frame, share, color=LINE_COLOURS[1], marker="o", ms=3, lw=LINE_PT)
-    style_axes(saturated, x_label="frame", z_label="saturated (% of pixels)")
-    return figure

@@ -1,6 +1,4 @@
-"""Frames from image files: one, a list, or a folder in natural order.
-
-What a file is by its first bytes, whatever it is called.
+"""Image files: one, a list, or a folder; what a file is by its first bytes, whatever it is called.
 
 Sources: the formats' own specifications (TIFF 6.0 and BigTIFF, PNG, JPEG, BMP, Netpbm, WebP), and
 for videos those of `frames.video`.
@@ -66,25 +64,19 @@ def signature_of(path: Path) -> Signature:
         return Signature("tiff", "TIFF")
     if container is not None and head[8:12] not in _PHOTOGRAPHS:
         return Signature("video", container)
-    if (name := _image(head)) is not None:
-        return Signature("image", name)
-    raise InputError("not_image_video_kind", path=path, seems=_seems(head))
-
-
-def _image(head: bytes) -> str | None:
     from PIL import Image
 
     Image.init()
     accepts: Any = {name: Image.OPEN[name][1] for name in FORMATS}
     start = head[:16].ljust(16, b"\0")  # which Pillow takes for granted
     name = next((name for name in FORMATS if accepts[name](start)), None)
-    if name == "PPM":  # Pillow takes any text that begins so
-        return "Netpbm" if head[2:3].isspace() or head[2:3] == b"#" else None
-    return "WebP" if name == "WEBP" else name
+    # of Netpbm Pillow takes any text that begins so
+    if name is None or (name == "PPM" and not (head[2:3].isspace() or head[2:3] == b"#")):
+        raise InputError("not_image_video_kind", path=path, seems=_seems(head))
+    return Signature("image", {"PPM": "Netpbm", "WEBP": "WebP"}.get(name, name))
 
 
 def _seems(head: bytes) -> str:
-    """What begins so, in words."""
     known = next((name for start, name in _OTHERS.items() if head.startswith(start)), None)
     if known is not None:
         return known
@@ -134,7 +126,7 @@ def _frames(
 
 
 def read_image(path: Path) -> np.ndarray:
-    """Decode one image file, to (row, col), or (row, col, 3) in RGB, uint8, uint16 or float.
+    """Decode an image file to (row, col) or (row, col, 3) in RGB, uint8, uint16 or float.
 
     Transparency is dropped, a palette becomes RGB, and a camera's orientation mark is ignored: the
     pixels stay where the sensor had them.

@@ -58,8 +58,8 @@ _FEWEST_SQUARES = 14
 class NoiseModel:
     """Noise of a camera against grey level: variance = offset + slope level, floor at least.
 
-    In raw grey levels squared (of float frames: fractions of full scale squared), with the rounding
-    to whole levels.
+    In raw grey levels squared (of float frames fractions of full scale), with the rounding to whole
+    ones.
     """
 
     offset: float  # at black
@@ -67,10 +67,8 @@ class NoiseModel:
     floor: float
 
     def sigma(self, values: npt.ArrayLike) -> np.ndarray:
-        """Standard deviation (raw grey levels) at raw grey levels `values`, of the same shape.
-
-        In single precision where they are.
-        """
+        """Standard deviation (raw grey levels) at raw levels, in single precision where they
+        are."""
         levels = np.asarray(values)
         if levels.dtype != np.float32:
             levels = levels.astype(float)
@@ -83,8 +81,8 @@ class NoiseModel:
     ) -> np.ndarray:
         """Standard deviation of the linear image, as a fraction of full scale.
 
-        sigma_lin = gamma * (raw / full)^(gamma - 1) * sigma(raw) / full. Near black the raw level
-        is taken as one sigma at least, where the first order ends.
+        gamma (raw / full)^(gamma - 1) sigma(raw) / full; near black the raw level is taken as one
+        sigma at least, where the first order ends.
         """
         full = full_scale(bit_depth)
         sigma = self.sigma(values)
@@ -100,11 +98,11 @@ def full_scale(bit_depth: int | None) -> float:
 def estimate_noise(
     image: np.ndarray, valid: npt.NDArray[np.bool_] | None = None, *, bit_depth: int | None = None
 ) -> NoiseModel:
-    """Estimate a camera's noise from one raw frame, before any gamma, insensitive to its fringes.
+    """A camera's noise from one raw frame, before any gamma, insensitive to its fringes.
 
-    Noise that is correlated between pixels (JPEG, lossy video, demosaicing) is underestimated; see
-    `noise_between_pixels`. By the bit depth levels near black and white, where clipping hides
-    noise, are left out. InputError where it is under 8 x 8 or has too few valid pixels.
+    Noise that is correlated between pixels is underestimated, see `noise_between_pixels`. By the
+    bit depth levels near black and white, where clipping hides noise, are left out. InputError
+    where it is under 8 x 8 or has too few valid pixels.
     """
     image = np.asarray(image)
     if image.ndim != 2 or min(image.shape) < 8:
@@ -278,9 +276,8 @@ def load_no_load(
 ) -> tuple[Linear | None, Linear | None]:
     """The scene's dark and bright no-load frame as light, None where it names none.
 
-    With the same roi, channel, depth and gamma, stacks averaged; `full_shape` is the captured
-    frames' before the roi. InputError where a file cannot be read, is saturated all over, or is of
-    another size.
+    Read as the frames are, stacks averaged; `full_shape` is the captured frames' before the roi.
+    InputError where one cannot be read, is saturated all over, or is of another size.
     """
     dark, bright = (_average(scene, key, full_shape) for key in ("no_load_dark", "no_load_bright"))
     if dark is not None and bright is not None and dark.image.shape != bright.image.shape:
@@ -291,11 +288,8 @@ def load_no_load(
 
 
 def open_no_load_steps(scene: Scene, full_shape: tuple[int, int]) -> FrameReader:
-    """Open the unloaded specimen's phase-stepped set; `full_shape` is the frames' before the roi.
-
-    InputError where it cannot be read, or has another number of frames than there are steps, or of
-    another size.
-    """
+    """Open the unloaded specimen's phase-stepped set; `full_shape` is the frames' before the
+    roi."""
     name, steps = scene.frames.no_load_steps, len(scene.polariscope.step)
     assert name is not None
     path = scene.path(name)
@@ -337,9 +331,7 @@ def _average(scene: Scene, key: str, full_shape: tuple[int, int] | None) -> Line
 
 
 def likely_no_load(names: Sequence[str]) -> dict[str, str]:
-    """The no-load frames by the names of files: the scene's key to a name, where one alone is
-    called so.
-    """
+    """The no-load frames by the names of files: the scene's key to a name that is alone."""
     unloaded = [name for name in names if is_unloaded(name) and not name.endswith(".csv")]
     called = {field: [n for n in unloaded if field in n.lower()] for field in ("dark", "bright")}
     return {f"frames.no_load_{field}": n[0] for field, n in called.items() if len(n) == 1}
@@ -375,10 +367,10 @@ def to_linear(
 ) -> Linear:
     """Raw grey levels as light, a fraction of full scale: (raw / (2^bit_depth - 1))^gamma.
 
-    That is of a camera that stored raw = linear^(1 / gamma): 1 for a linear one, about 2.2 for the
-    usual (sRGB-like) tone curve. `bit_depth` None: fractions already; `allow_blank`: a constant
-    frame is right, as an ideal no-load one is; a Frame's own mask and name go first. InputError
-    where it is constant, without a finite pixel, out of range, or not of the mask's size.
+    gamma is 1 of a linear camera, about 2.2 of the usual (sRGB-like) tone curve. `bit_depth` None:
+    fractions already; `allow_blank`: a constant frame is right, as an ideal no-load one is.
+    InputError where it is constant, without a finite pixel, out of range, or not of the mask's
+    size.
     """
     if isinstance(image, Frame):
         name, mask, image = name or image.name, image.mask, image.image
@@ -424,10 +416,9 @@ def _check_levels(numbers: np.ndarray, bit_depth: int | None, allow_blank: bool,
 def find_outliers(image: np.ndarray, finite: Mask | None = None) -> Mask:
     """Find dead and hot pixels: those far outside the range of the eight around them.
 
-    An outlier exceeds the second largest of its neighbours (or falls below the second smallest) by
-    8 noise sigmas and by their whole spread. A fringe, however fine, has neighbours as bright as
-    itself along its length, and is left alone; one odd pixel and a pair are found; larger flaws,
-    and those in the outermost rows and columns, are not.
+    One exceeds the second largest of its neighbours (or falls below the second smallest) by 8 noise
+    sigmas and by their whole spread. A fringe, however fine, has neighbours as bright as itself
+    along its length. One such pixel and a pair are found; larger flaws, and the outermost, are not.
     """
     import cv2
 
@@ -455,26 +446,19 @@ def find_outliers(image: np.ndarray, finite: Mask | None = None) -> Mask:
     # of whole levels a difference below nought is nought, which is no excess either
     spread = cv2.subtract(high, low)
     excess = cv2.max(cv2.subtract(centre, high), cv2.subtract(low, centre))
+    if values.shape[1] < 8:  # around noise alone the second extremes lie about 1.7 sigmas apart
+        sigma = float(np.median(spread)) / 1.7
+    else:  # from the median fourth difference along rows, which is blind to fringes
+        # whole levels of a byte give whole differences, whose median takes half the time
+        v = values[::4].astype(np.int16 if values.dtype == np.uint8 else np.float32)
+        mixed = np.diff(v, 4, axis=1)
+        sigma = float(np.median(np.abs(mixed))) * 1.4826 / float(np.linalg.norm(FOURTH))
     quantum = 1.0 if image.dtype.kind in "ui" else 0.0
-    step = max(OUTLIER_SIGMAS * _rough_sigma(values, spread), 2 * quantum)
+    step = max(OUTLIER_SIGMAS * sigma, 2 * quantum)
     limit = values.dtype.type(min(math.floor(step), most) if integral else step)
     outliers = np.zeros(image.shape, bool)
     outliers[1:-1, 1:-1] = (excess > spread) & (excess > limit)
     return outliers
-
-
-def _rough_sigma(values: np.ndarray, spread: np.ndarray) -> float:
-    """Noise sigma from the median fourth difference along the columns' axis; fringe-blind.
-
-    Of a narrow picture, from the spread of the eight around each pixel.
-    """
-    if values.shape[1] < 8:
-        # around noise alone the second extremes lie about 1.7 sigmas apart
-        return float(np.median(spread)) / 1.7
-    # whole levels of a byte give whole differences, whose median takes half the time
-    v = values[::4].astype(np.int16 if values.dtype == np.uint8 else np.float32)
-    mixed = np.diff(v, 4, axis=1)
-    return float(np.median(np.abs(mixed))) * 1.4826 / float(np.linalg.norm(FOURTH))
 
 
 @dataclass(frozen=True)
@@ -489,11 +473,7 @@ class Normalised:
 
 
 def normalise(image: Linear, dark: Linear, bright: Linear) -> Normalised:
-    """Take background and illumination out of a frame: s = (I - D) / (B - D), all linear light.
-
-    D is the unloaded specimen in the dark field, or what stands for it, B the same in the bright
-    field. InputError where nothing has contrast.
-    """
+    """Take background and illumination out of a frame: s = (I - D) / (B - D), all linear light."""
     valid = image.valid & dark.valid & bright.valid
     low, contrast = dark.image, bright.image - dark.image
     usual = float(np.median(contrast[valid])) if valid.any() else 0.0

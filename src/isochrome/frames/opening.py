@@ -1,12 +1,7 @@
-"""Which reader files or arrays need, and what is read from it: channel, region, bit depth.
+"""Which reader files or arrays need, and what is read: channel, region, bit depth, mask.
 
-Frames from arrays in memory, or from what yields them one by one.
-
-Several files as one recording: videos or TIFF stacks, one after the other.
-
-Which recordings some names stand for: files, folders and globs, as a command line gives them.
-
-Where the specimen is in the frame, as the scene says: a mask image, ImageJ areas, a polygon.
+Several videos or TIFF stacks are one recording; a command line's names, folders and globs are
+recordings.
 """
 
 import glob
@@ -51,8 +46,8 @@ class WithFrames(Protocol):
 def load_mask(scene: WithFrames, shape: tuple[int, int], full_shape: tuple[int, int]) -> Mask:
     """The specimen's pixels, inside frames.mask, frames.polygon_px and closed free boundaries.
 
-    True = specimen, of the roi's size `shape`; all True where the scene names none. InputError
-    where the file is missing, a picture, of neither size, or leaves no pixel.
+    Of the roi's size `shape`; all True where the scene names none. InputError where the file is
+    missing, a picture, of neither size, or leaves no pixel.
     """
     inside = np.ones(shape, dtype=bool)
     frames = scene.frames
@@ -97,7 +92,17 @@ def _of_file(
 
 def _of_image(path: Path | ArrayFrames) -> Mask:
     """An image's nonzero pixels, (row, col)."""
-    values = _values(path)
+    if isinstance(path, ArrayFrames):
+        if path.count != 1 or path.dtype.kind not in "biuf":
+            raise InputError("frames_mask_one_picture", path=path)
+        values = path.frame(0)
+    elif not path.is_file():
+        raise InputError("frames_mask_no_such", path=path)
+    elif (signature := signature_of(path)).name == "JPEG":
+        raise InputError("frames_mask_compressed_loss", path=path)
+    else:
+        is_tiff = signature.kind == "tiff"
+        values = tiff.read_single(path, inverted_too=True) if is_tiff else read_image(path)
     values = np.nan_to_num(values if values.ndim == 2 else values.max(axis=2))
     inside = np.asarray(values != 0)
     partly = inside & (values != values.max())
@@ -108,23 +113,7 @@ def _of_image(path: Path | ArrayFrames) -> Mask:
     return inside
 
 
-def _values(path: Path | ArrayFrames) -> np.ndarray:
-    if isinstance(path, ArrayFrames):
-        if path.count != 1 or path.dtype.kind not in "biuf":
-            raise InputError("frames_mask_one_picture", path=path)
-        return path.frame(0)
-    if not path.is_file():
-        raise InputError("frames_mask_no_such", path=path)
-    signature = signature_of(path)
-    if signature.name == "JPEG":
-        raise InputError("frames_mask_compressed_loss", path=path)
-    if signature.kind == "tiff":
-        return tiff.read_single(path, inverted_too=True)
-    return read_image(path)
-
-
 def _of_polygon(corners: Sequence[tuple[float, float]], shape: tuple[int, int], key: str) -> Mask:
-    """Pixels whose centres lie in a polygon of (row, col)."""
     from skimage.draw import polygon2mask
 
     if len(corners) > MOST_CORNERS:
@@ -153,8 +142,7 @@ def _of_polygon(corners: Sequence[tuple[float, float]], shape: tuple[int, int], 
 
 
 def crossing_sides(points: NDArray[np.float64]) -> tuple[int, int] | None:
-    """The first two sides of a closed polygon (n, 2) that cross, by the signs of four triangles'
-    areas.
+    """The first two sides of a closed polygon (n, 2) that cross, by the signs of triangles' areas.
 
     Side i goes from corner i, from 0, to the next. Sides that only touch do not cross. Source:
     O'Rourke (1998), Computational Geometry in C, section 1.5.
@@ -280,10 +268,7 @@ class Parts:
     def _in_turn(
         self, *, by_packets: bool = False
     ) -> Iterator[tuple[reading.Source, int, float | None, reading.Extent]]:
-        """Each part, the frames before it, when it begins (s), and its extent.
-
-        Times count from the first part's first frame; where one tells none, no later one does.
-        """
+        """Each part, the frames before it, when it begins (s; None: not known), and its extent."""
         before, first = 0, self._sources[0].start_s
         begin: float | None = 0.0
         for source in map(self.source, range(len(self.files))):
@@ -297,10 +282,7 @@ class Parts:
 
 
 def open_parts(files: tuple[Path, ...], opener: Callable[[Path], reading.Source]) -> reading.Source:
-    """Several videos, or several TIFF stacks, as one recording.
-
-    InputError here for the first file, and for a later one when it is come to.
-    """
+    """Several videos or TIFF stacks as one recording; a later one is opened when it is come to."""
     first = opener(files[0])
     if len(files) == 1:
         return first
@@ -424,9 +406,8 @@ def open_scene_frames(
 ) -> FrameReader:
     """Open captured frames as a scene says: its roi, channel, wavelength, bit depth and mask.
 
-    Of a folder, files that the scene names, such as its no-load frames, are no frames. `masked` is
-    False for no-load frames; with `any_scale` a file may name another pixel size than the scene.
-    InputError where frames cannot be read, or do not fit the scene.
+    Of a folder, files that the scene names are no frames. `masked` is False for no-load frames;
+    with `any_scale` a file may name another pixel size than the scene.
     """
     options = reading_options(scene)
     reader = open_frames(path, **options, roi=scene.frames.roi, leave_out=named_files(scene))
@@ -451,10 +432,7 @@ def input_files(reader: FrameReader, scene: Scene) -> list[Path | ArrayFrames]:
 
 
 def named_files(scene: Scene) -> list[Path]:
-    """Files that a scene names, which are no frames of their folder: no-load frames, mask, tables.
-
-    Of a glob of no-load steps it is each file.
-    """
+    """Files that a scene names, which are no frames of their folder, of a glob each."""
     named = (name for name in scene.files(of_frames=True) if isinstance(name, Path))
     each = (
         [name] if os.path.exists(name) else map(Path, glob.glob(os.fspath(name))) for name in named
@@ -480,10 +458,8 @@ def check_scale(reader: FrameReader, camera: Camera | None) -> None:
 
 
 def with_file_scale(scene: Scene, reader: FrameReader) -> Scene:
-    """The scene with the pixel size that the frames' file names, where it has none itself.
-
-    A disc's or ring's is left open: its rim tells it better.
-    """
+    """The scene with the pixel size of the frames' file, where it has none itself and no rim tells
+    it."""
     camera = scene.camera or Camera()
     if camera.pixel_mm is not None or reader.pixel_mm is None or scene.rim_diameter_mm:
         return scene
@@ -576,9 +552,8 @@ def recordings_of(
     """The recordings that files, folders and globs stand for, in order, for `open_frames`.
 
     A folder, video or TIFF stack is one each, images one to a file are one together; no video is
-    decoded to tell. Globs are in natural order (part2 before part10), and so are names in the
-    alphabet's order, as a shell makes them of a glob; others stay. `join`: all are parts of one.
-    InputError where a name stands for nothing, or images stand among recordings.
+    decoded to tell. Globs, and names in the alphabet's order, as a shell makes of a glob, are in
+    natural order (part2 before part10). `join`: all are parts of one.
     """
     if not names:
         raise InputError("no_frames_named_name")
@@ -611,9 +586,7 @@ def _refuse_others(places: Sequence[Path], *, join: bool) -> None:
 
 
 def one_recording(names: Sequence[str | Path], *, join: bool = False) -> reading.FramesPath:
-    """The one recording that names stand for, see `recordings_of`; InputError where they are
-    several.
-    """
+    """The one recording that names stand for, see `recordings_of`; several are refused."""
     recordings = recordings_of(names, join=join)
     first, *others = recordings
     if others:
@@ -625,10 +598,8 @@ def one_recording(names: Sequence[str | Path], *, join: bool = False) -> reading
 
 
 def _places(names: Sequence[str | Path]) -> list[Path]:
-    """Files and folders, globs expanded, in natural order where names are in the alphabet's.
-
-    By the letters or by the codes.
-    """
+    """Files and folders; in natural order where names are in the alphabet's, of letters or
+    codes."""
     texts = [str(name) for name in names]
     letters = ["".join(c for c in text.casefold() if c.isalnum()) for text in texts]
     if texts == sorted(texts) or letters == sorted(letters):

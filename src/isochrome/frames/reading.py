@@ -1,7 +1,4 @@
-"""One reader for TIFF stacks, images, folders of images and videos.
-
-What the readers of TIFF, image and video files have in common.
-"""
+"""One reader for TIFF stacks, images, folders of images and videos, and what these share."""
 
 from __future__ import annotations
 
@@ -24,9 +21,8 @@ from isochrome.errors import InputError, reason_of
 from isochrome.scene import ArrayFrames, FramesLike, Roi
 
 MAX_BYTES: int = 400_000_000
-"""A frame that claims more bytes is a damaged or hostile file: refused before memory is taken.
-
-Decoders hold some copies of a frame at a time."""
+"""A frame that claims more is damaged or hostile: refused before memory is taken for some
+copies."""
 
 MAX_PIXELS: int = MAX_BYTES // 2
 """The same in pixels, of two bytes each at least in what is made of them."""
@@ -104,10 +100,7 @@ class StoredForm:
 
 @dataclass(frozen=True)
 class Extent:
-    """How long a source is: `count` of frames, and `end_s`, when one more frame would have come.
-
-    `end_s` counts from the first frame's time, and is None where the file tells no times.
-    """
+    """How long a source is: its frames, and when one more would have come (s; None: no times)."""
 
     count: int
     end_s: float | None = None
@@ -146,9 +139,7 @@ def _mirrored(image: np.ndarray, flip: str | None) -> np.ndarray:
 
 
 def as_turned(image: np.ndarray, rotate_deg: int, flip: str | None) -> np.ndarray:
-    """A view of a picture (row, col[, channel]) turned by quarter turns, counter-clockwise, then
-    mirrored.
-    """
+    """A view of a picture (row, col[, channel]) turned counter-clockwise, then mirrored."""
     return _mirrored(np.rot90(image, rotate_deg // 90), flip)
 
 
@@ -189,8 +180,7 @@ class Stamp:
 @contextmanager
 def refusing(path: str | Path, what: str = "cannot be read") -> Iterator[None]:
     """Turn whatever a decoding library raises into one InputError that names the file and
-    `what`.
-    """
+    `what`."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -248,21 +238,6 @@ class FrameReader:
     It holds no open file between iterations, so that it may be handed to other processes, with
     what `count` has learnt of the places of a video's frames.
 
-    Parameters
-    ----------
-    source : Source
-        What the file's head tells, and how to read it.
-    path : str, Path, sequence of them or ArrayFrames
-        Where the frames are.
-    channel : {'red', 'green', 'blue', 'mean'} or None
-        Channel to take of a colour source.
-    turn : tuple of (int, str or None)
-        Quarter turns of each picture, degrees, and how it is mirrored then, see `as_turned`.
-    roi : Roi or None
-        The part of each turned picture to yield; None: all of it.
-    bit_depth : int or None
-        Bits of the sensor; None for float frames, which are fractions of full scale.
-
     Attributes
     ----------
     path : str, Path, sequence of them or ArrayFrames
@@ -303,6 +278,7 @@ class FrameReader:
         roi: Roi | None,
         bit_depth: int | None,
     ) -> None:
+        """`turn`, quarter turns (degrees) and mirroring; `roi`, the part of the turned picture."""
         form, self.kind = source.form, source.kind
         self.path, self.roi, self.bit_depth, self._turn = path, roi, bit_depth, turn
         rows, cols = form.shape
@@ -377,13 +353,14 @@ class FrameReader:
             return
         with closing(self._source.frames(start)) as frames:  # and with them the file
             for frame in frames:
-                yield replace(frame, image=self._prepare(frame, frame.index), mask=self.mask)
+                yield replace(frame, image=self._prepare(frame), mask=self.mask)
                 if frame.index + 1 == stop:
                     return
         if stop is not None:
             raise InputError("ends_before_frame_changed", path=self.path, stop=stop - 1)
 
-    def _prepare(self, frame: Frame, index: int) -> np.ndarray:
+    def _prepare(self, frame: Frame) -> np.ndarray:
+        """A frame turned, cut and of one channel; values that no such sensor gives are refused."""
         image = as_turned(frame.image, *self._turn)
         if self.roi is not None:
             top, left_px = self.roi.top_px, self.roi.left_px
@@ -393,7 +370,17 @@ class FrameReader:
                 image = image.mean(axis=2, dtype=np.float32)
             else:
                 image = image[..., CHANNELS.index(self.channel or "green")]
-        _check_range(image, self.bit_depth, f"frame {index} ({frame.name})")
+        label, bits = f"frame {frame.index} ({frame.name})", self.bit_depth
+        integral, full = image.dtype.kind == "u", 1.0 if bits is None else 2.0**bits - 1.0
+        values = image if integral else image[np.isfinite(image)]
+        if not integral and values.min(initial=0.0) < -_DARKEST * full:
+            raise InputError("holds_value_light_more", label=label, min=values.min())
+        # a type of as many bits holds no larger value, and need not be searched
+        searched = bits is not None and not (integral and bits >= 8 * image.dtype.itemsize)
+        if searched and (top := values.max(initial=0)) > full:
+            raise InputError(
+                "holds_value_bits_end", label=label, top=top, bit_depth=bits, bit_depth_2=int(full)
+            )
         return np.ascontiguousarray(image)
 
     def count(self, *, decode: bool = True) -> int:
@@ -435,20 +422,3 @@ class FrameReader:
 def _next(frames: Iterator[Frame]) -> Frame | None:
     """One frame, None at the end: a StopIteration cannot pass through a Future."""
     return next(frames, None)
-
-
-def _check_range(image: np.ndarray, bit_depth: int | None, label: str) -> None:
-    """Refuse values that a sensor of this bit depth cannot give."""
-    integral = image.dtype.kind == "u"
-    values = image if integral else image[np.isfinite(image)]
-    full = 1.0 if bit_depth is None else 2.0**bit_depth - 1.0
-    if not integral and values.min(initial=0.0) < -_DARKEST * full:
-        raise InputError("holds_value_light_more", label=label, min=values.min())
-    if bit_depth is None or (integral and bit_depth >= 8 * image.dtype.itemsize):
-        return
-    top = values.max(initial=0)
-    if top > 2**bit_depth - 1:
-        most = 2**bit_depth - 1
-        raise InputError(
-            "holds_value_bits_end", label=label, top=top, bit_depth=bit_depth, bit_depth_2=most
-        )

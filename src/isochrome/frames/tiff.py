@@ -1,11 +1,4 @@
-"""Frames from a TIFF stack, page by page.
-
-What the OME notes of a TIFF tell: how many frames, when they were taken, their pixels' size.
-
-One page of a TIFF as pixels, by its own grey levels, in memory that its head has told.
-
-Where a TIFF keeps its frames, when they were taken, and how large their pixels are.
-"""
+"""Frames from a TIFF, page by page: where they are, when they were taken, how large a pixel is."""
 
 from __future__ import annotations
 
@@ -30,10 +23,7 @@ from tifffile import COMPRESSION, PHOTOMETRIC
 
 from isochrome.errors import InputError
 from isochrome.frames import reading
-from isochrome.output import MM_PER_UNIT, pixel_mm_of
-
-MM = MM_PER_UNIT | {"in": 25.4}
-"""Millimetres of the schema's units of length that a camera's picture can have."""
+from isochrome.output import MM_PER_UNIT
 
 SECONDS = {
     word: float(np.array(1, f"m8[{unit}]") / np.timedelta64(1, "s"))
@@ -104,7 +94,8 @@ def _number(
 
 def _pixel_mm(pixels: ElementTree.Element, path: Path) -> float | None:
     across, down = (
-        _number(pixels, f"PhysicalSize{axis}", MM, f"PhysicalSize{axis}Unit", "µm") for axis in "XY"
+        _number(pixels, f"PhysicalSize{axis}", MM_PER_UNIT, f"PhysicalSize{axis}Unit", "µm")
+        for axis in "XY"
     )
     if across and down and abs(across / down - 1) > reading.SAME:
         raise InputError("says_pixel_mm_wide", path=path, across=across, down=down)
@@ -220,7 +211,6 @@ class PageDecoder:
         return reading.as_grey_or_rgb(path, raw)
 
     def _pixels(self, page: Any, place: int, index: int) -> np.ndarray:
-        """The page's values as they are stored."""
         deflate = page.compression in DEFLATE
         if deflate:
             self._check_deflate(page, index)
@@ -300,10 +290,9 @@ _TURN = threading.Lock()
 
 @contextmanager
 def silence_stderr() -> Iterator[None]:
-    """Nothing that C code writes to standard error comes out: libtiff has no other way to say it.
+    """Nothing that C code writes to standard error comes out: libtiff says it no other way.
 
-    What it would say, a refusal says. Python's own messages of other threads are held back too:
-    the block is to be short.
+    Python's own messages of other threads are held back too: the block is to be short.
     """
     with _TURN:
         try:
@@ -332,9 +321,9 @@ MOST_CHANNELS = 7
 class TiffLayout:
     """The frames of a TIFF: `pages`, each one's number in the file and the byte of its head.
 
-    Where `hidden`, all frames lie one behind the other after the first page's, without heads.
-    `times_s`, of each frame from the first (None: unknown), which came at `first_s`, or
-    `interval_s`, or neither; `pixel_mm`, a pixel's side.
+    Where `hidden`, all lie one behind the other after the first page's, without heads. `times_s`,
+    of each frame from the first (None: unknown), which came at `first_s`, or `interval_s`, or
+    neither.
     """
 
     count: int
@@ -377,7 +366,7 @@ def tiff_layout_of(tif: tifffile.TiffFile, path: Path) -> TiffLayout:
     _check_axes(path, *(_whole(meta, key) for key in ("channels", "slices", "frames")))
     return TiffLayout(
         count=claimed if hidden else len(pages), pages=pages, hidden=hidden,
-        pixel_mm=pixel_mm_of(tif), interval_s=_interval(meta),
+        pixel_mm=_pixel_mm_of(tif), interval_s=_interval(meta),
     )  # fmt: skip
 
 
@@ -437,8 +426,20 @@ def _check_square(tif: tifffile.TiffFile, path: Path) -> None:
             raise InputError("says_pixels_unit_across", path=path, xd=xn / xd, yd=yn / yd)
 
 
+def _pixel_mm_of(tif: tifffile.TiffFile) -> float | None:
+    """The pixel's side, mm, that an open TIFF names; dots per inch are a print size, and do not."""
+    tags: Any = getattr(tif.pages[0], "tags", {})
+    num, den = tags["XResolution"].value if "XResolution" in tags else (0, 0)
+    if num == 0 or den == 0:
+        return None
+    if tif.is_imagej:
+        mm = MM_PER_UNIT.get(str((tif.imagej_metadata or {}).get("unit", "")).strip().lower())
+    else:
+        mm = 10.0 if "ResolutionUnit" in tags and int(tags["ResolutionUnit"].value) == 3 else None
+    return None if mm is None else mm * den / num
+
+
 def _interval(meta: dict[str, Any]) -> float | None:
-    """Seconds between the frames of an ImageJ stack."""
     step, unit = meta.get("finterval", 0), SECONDS.get(str(meta.get("tunit", "s")).lower())
     known = unit and isinstance(step, int | float) and 0 < step < math.inf
     return float(step) * unit if known and unit else None
@@ -460,7 +461,7 @@ def _of_ome(tif: tifffile.TiffFile, path: Path) -> TiffLayout:
     if _chain_breaks(tif):
         raise InputError("breaks_off_truncated_copy", path=path)
     places = tuple((page.index, page.offset) for page in pages)
-    notes["pixel_mm"] = notes["pixel_mm"] or pixel_mm_of(tif)
+    notes["pixel_mm"] = notes["pixel_mm"] or _pixel_mm_of(tif)
     return TiffLayout(count=len(pages), pages=places, **notes)
 
 
@@ -498,10 +499,7 @@ def holds_several(path: Path) -> bool:
 
 
 def read_single(path: Path, *, inverted_too: bool = False) -> np.ndarray:
-    """The one page of a TIFF, such as a folder of images holds.
-
-    `inverted_too`, to take ImageJ's images that are shown inverted, as its masks are, as stored.
-    """
+    """The one page of a TIFF; `inverted_too`: ImageJ's inverted images too, as they are stored."""
     reading.Stamp.of(path)
     with _opened(path, inverted_too=inverted_too) as (tif, decoder):
         layout = tiff_layout_of(tif, path)

@@ -1,32 +1,12 @@
-"""Frames from a video by PyAV, and where each of them is, once all have been decoded.
+"""Frames from a video by PyAV, and where each of them is, by its packets or once all are decoded.
 
-What a video's packets tell before they are decoded.
-
-FFV1: whether a packet is whole, by the checksums of its slices. FFmpeg puts the picture before in
-the place of a damaged slice, and says so to nobody who decodes. Source: RFC 9043, FFV1 video coding
-format versions 0, 1 and 3, section 4.9, slice footer.
-
-H.264: whether a packet is one frame, and whether decoding can begin with it. MP4 and Matroska keep
-an access unit in a packet; it holds one picture, which is a whole frame where the sequence
-parameters allow of no fields. These are what the decoder goes by, no head of the file that may lie.
-Sources: Rec. ITU-T H.264, 7.3.1 NAL unit, 7.3.2.1.1 sequence parameters, 7.3.3 slice header,
-table 7-1; ISO/IEC 14496-15, 5.3.3.1 decoder configuration.
-
-Whether a video file is whole, by its container's own structure.
-
-FFmpeg reads over gaps: it looks for the next thing that it knows and goes on, so that a file that
-breaks off, or whose middle is lost, gives fewer frames and no word. The sizes in the containers
-tell. Sources: AVI RIFF file reference (Microsoft) with the OpenDML extensions; RFC 9559, Matroska;
-ISO/IEC 14496-12, base media file format.
-
-Decoding a video with PyAV: every frame in the order of display, with its own time stamp.
-
-And where each of them is, by what the packets tell of it without decoding.
-
-From a decoded video frame to grey levels or RGB, by the format's own bits.
-
-FFmpeg's own conversion truncates, and takes deep colour through 8 bits; luminance and chrominance
-are turned into RGB here instead, rounded once. Grey and RGB are taken as they are stored.
+FFmpeg reads over gaps, puts the picture before in the place of a damaged slice of FFV1, and says so
+to nobody: whether a file is whole, its container's sizes tell, and the slices' checksums. In MP4
+and Matroska a packet of H.264 is a whole frame where the sequence parameters allow of no fields.
+Its conversion truncates, and takes deep colour through 8 bits: luminance and chrominance are turned
+into RGB here instead, rounded once. Sources: AVI RIFF file reference (Microsoft) with the OpenDML
+extensions; RFC 9559, Matroska; RFC 9043, FFV1, section 4.9; Rec. ITU-T H.264, 7.3.1, 7.3.2.1.1,
+7.3.3, table 7-1; ISO/IEC 14496-12, and -15, 5.3.3.1.
 """
 
 import os
@@ -59,9 +39,8 @@ WEIGHTS_601 = (0.299, 0.114)
 
 
 def to_image(frame: Any, path: Path) -> tuple[np.ndarray, int | None]:
-    """A frame's pixels (row, col), or (row, col, 3) in RGB, and the bits of a value (None:
-    float).
-    """
+    """A frame's pixels (row, col) or (row, col, 3) in RGB, and the bits of a value (None:
+    float)."""
     form, name = frame.format, str(frame.format.name)
     if name.startswith(("yu", "uyvy", "yvyu", "nv", "p0", "p2", "p4")):
         return _rgb_of_yuv(frame)
@@ -161,11 +140,7 @@ PLAIN = (66, 77, 88)
 
 
 def length_bytes(configuration: bytes | None) -> int | None:
-    """The bytes that tell a unit's length, where every access unit is sure to be one frame.
-
-    None where the decoder's configuration is of another kind, or its sequence parameters allow of
-    fields, or leave it open.
-    """
+    """The bytes of a unit's length, by a decoder's configuration; None unless a unit is a frame."""
     if not configuration or len(configuration) < 6 or configuration[0] != 1:
         return None
     count, place = configuration[5] & 0x1F, 6
@@ -180,8 +155,7 @@ def length_bytes(configuration: bytes | None) -> int | None:
 def begins_anew(packet: bytes, length: int) -> bool | None:
     """Whether decoding can begin with the one frame of a packet, which no later one looks beyond.
 
-    `length`, the bytes of a unit's length. None where it holds no frame, or several, or something
-    else than H.264 without layers.
+    `length`, the bytes of a unit's length. None where it holds no frame, or several, or layers.
     """
     is_key: bool | None = None
     place = 0
@@ -286,10 +260,9 @@ BOXES = (b"ftyp", b"moov", b"mdat", b"free", b"skip", b"wide", b"uuid", b"moof",
 
 
 def check_whole(path: Path) -> Container:
-    """Walk through a video's structure, without decoding: a few bytes a frame. Gives its container.
+    """Walk through a video's structure, without decoding, and give its container.
 
-    InputError where it is of another kind, breaks off, or is damaged between its frames. A
-    recording that was never closed (sizes of zero or 'unknown') passes when all that it holds is
+    A recording that was never closed (sizes of zero or 'unknown') passes when all it holds is
     whole.
     """
     with reading.refusing(path), open(path, "rb") as file:
@@ -434,8 +407,7 @@ class Decoded:
 
 
 def decoded(path: Path, kind: Container, key: tuple[int, int] | None = None) -> Generator[Decoded]:
-    """Every frame of a video in the order of display, from a key frame's (number, tick) or the
-    first.
+    """Every frame of a video in the order of display, from the first or a key frame (number, tick).
 
     Frames before the key frame in time may come too. A damaged one is an InputError.
     """
@@ -464,8 +436,8 @@ def decoded(path: Path, kind: Container, key: tuple[int, int] | None = None) -> 
 class _Clock:
     """The time stamps of decoded frames.
 
-    AVI knows none, only how many frames come before a packet in the order of the file, which is
-    not that of display: the frames take the packets' numbers in rising order.
+    AVI knows none, only how many frames come before a packet in the order of the file, which is not
+    that of display: the frames take the packets' numbers in rising order.
     """
 
     def __init__(self, stream: Any, *, by_packet: bool) -> None:
@@ -507,26 +479,21 @@ def open_container(path: Path) -> Iterator[tuple[Any, Any]]:
             if len(streams) != 1:
                 raise InputError("holds_video_streams_one", path=path, streams_count=len(streams))
             stream = streams[0]
-            _check_stream(stream, path)
             context = stream.codec_context
+            if context is None:
+                raise InputError("codec_not_known_save", path=path)
+            if context.height <= 0 or context.width <= 0:  # FFmpeg keeps no size it will not decode
+                raise InputError("names_no_frame_size", path=path, max_pixels=reading.MAX_PIXELS)
+            reading.check_size(path, context.height, context.width, PIXEL_BYTES)
+            aspect = stream.sample_aspect_ratio
+            across, down = (aspect.numerator, aspect.denominator) if aspect else (1, 1)
+            if min(across, down) > 0 and across != down:
+                raise InputError("says_pixels_not_square", path=path, across=across, down=down)
             context.options = DECODE | (PATIENCE if context.name == "h264" else {})
             context.thread_count = 1
         yield container, stream
     finally:
         container.close()
-
-
-def _check_stream(stream: Any, path: Path) -> None:
-    context = stream.codec_context
-    if context is None:
-        raise InputError("codec_not_known_save", path=path)
-    if context.height <= 0 or context.width <= 0:  # FFmpeg keeps no size that it will not decode
-        raise InputError("names_no_frame_size", path=path, max_pixels=reading.MAX_PIXELS)
-    reading.check_size(path, context.height, context.width, PIXEL_BYTES)
-    aspect = stream.sample_aspect_ratio
-    across, down = (aspect.numerator, aspect.denominator) if aspect else (1, 1)
-    if min(across, down) > 0 and across != down:
-        raise InputError("says_pixels_not_square", path=path, across=across, down=down)
 
 
 def _decode(packet: Any, clock: _Clock, path: Path, count: int) -> list[Any]:

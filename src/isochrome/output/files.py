@@ -1,9 +1,5 @@
-"""Folders, text and JSON on disk: whole, or not at all.
-
-CSV tables: written at once or row by row, read as numbers where they are numbers.
-
-Tables of numbers that somebody gives: any usual delimiter, decimal points or commas.
-"""
+"""Folders, text, JSON and CSV on disk, whole or not at all; tables of numbers that somebody
+gives."""
 
 import csv
 import errno
@@ -53,21 +49,14 @@ def output_folder(path: str | Path) -> Path:
 
 
 def check_link(folder: Path) -> None:
-    """Refuse a folder that is a symbolic link to nowhere, as when its drive is not there.
-
-    To make what it points to would put results where nobody looks for them.
-    """
+    """Refuse a link to nowhere, as when a drive is not there: nobody would look behind it."""
     if folder.is_symlink() and not os.path.exists(folder):
         raise InputError("symbolic_link_which_not", folder=folder, target=os.readlink(folder))
 
 
 @contextmanager
 def staged(out_dir: str | Path) -> Iterator[Path]:
-    """Give a hidden folder beside the results; its files move there when all went well.
-
-    On an exception nothing of them is left, nor `out_dir` when it was made here, and what was there
-    before is there again.
-    """
+    """Give a hidden folder beside the results; its files move there when all went well, or none."""
     target = Path(out_dir)
     made = not os.path.exists(target)
     target = output_folder(target)
@@ -179,8 +168,7 @@ _DECIMAL_COMMA = re.compile(r"\s*[+-]?\d*,\d+([eE][+-]?\d+)?\s*")
 class GivenTable:
     """The cells of a table that somebody gives; columns become numbers when they are asked for.
 
-    `names`, names of the columns, from its header; empty where the first line is numbers already;
-    `cells`, the cells, a list a row; `lines`, the rows' lines in the file, from 1.
+    `names`, from its header, empty where the first line is numbers; `lines`, the rows', from 1.
     """
 
     path: Path
@@ -212,8 +200,7 @@ class GivenTable:
 def read_given_text(path: Path, what: str, *, fallback: str | None = None) -> str:
     """The text of a file that somebody gives, in UTF-8 with a byte-order mark or without one.
 
-    `what` is it to be, such as 'the friction'; `fallback` is the encoding of what is no UTF-8,
-    which is refused without one.
+    `what` is it to be, such as 'the friction'; `fallback`, the encoding of what is no UTF-8.
     """
     try:
         check_given_table(path, what)
@@ -262,7 +249,7 @@ def read_given_table(path: Path, what: str) -> GivenTable:
     except csv.Error as error:
         raise InputError("no_table_check_file", path=path, what=what, error=error) from error
     header = [cell.strip() for cell in cells[0]]
-    has_names = not all(_is_number(cell) for cell in header)
+    has_names = any(math.isnan(_number(cell, commas=True)) for cell in header)
     names = tuple(header) if has_names else ()
     rows, places = cells[has_names:], [number for number, _ in lines[has_names:]]
     _check_lengths("line_has_cells_first", path, header, zip(places, rows, strict=True))
@@ -292,14 +279,6 @@ def _number(cell: str, *, commas: bool) -> float:
         return math.nan
 
 
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell.replace(",", "."))
-    except ValueError:
-        return False
-    return True
-
-
 DIGITS = 9
 """Significant digits of a number in a table."""
 _EXCEL = "_excel"
@@ -310,25 +289,19 @@ MOST_GIVEN = 10_000_000
 
 
 class Floats(array):  # type: ignore[type-arg]  # takes none at run time before Python 3.12
-    """A column of numbers, `Floats("d", values)`, NaN where one is not known.
-
-    In eight bytes each, a quarter of what a list of them takes, which it is like in all else.
-    """
+    """A column of numbers, NaN = not known, in a quarter of the room of a list, which it is
+    like."""
 
     def __eq__(self, other: object) -> bool:
         """As a list of the same numbers."""
         return self.tolist() == list(other) if isinstance(other, Sequence) else NotImplemented
 
     def __repr__(self) -> str:
-        """As a list's."""
         return repr(self.tolist())
 
 
 def write_csv(path: str | Path, columns: Mapping[str, Sequence[Any]]) -> None:
-    """Write a table, one named column each, units in the names (`wear_depth_um`).
-
-    Floats get 9 significant digits, NaN and None an empty cell.
-    """
+    """Write a table, one named column each: floats in 9 digits, NaN and None an empty cell."""
     lengths = {name: len(values) for name, values in columns.items()}
     if len(set(lengths.values())) > 1:
         raise InputError("columns_differ_length_give", path=path, lengths=lengths)
@@ -337,8 +310,7 @@ def write_csv(path: str | Path, columns: Mapping[str, Sequence[Any]]) -> None:
 
 
 def columns_of(rows: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
-    """Rows as the columns of a table, in the order in which the names come up; None where one has
-    none.
+    """Rows as the columns of a table, in the order of their names; None where a row has none.
 
     An hour of video has a hundred thousand rows: columns of numbers are Floats, and a text that is
     the one before it takes no room of its own.
@@ -368,8 +340,7 @@ def csv_text(columns: Mapping[str, Any], *, header: bool = True) -> str:
 def write_excel_copies(folder: str | Path) -> list[Path]:
     """Write each table of a folder, and of folders in it, as a German or French Excel opens it.
 
-    NAME_excel.csv beside NAME.csv: semicolons between the cells, decimal commas, and a byte-order
-    mark, by which Excel knows UTF-8.
+    NAME_excel.csv: semicolons, decimal commas, and a byte-order mark, by which Excel knows UTF-8.
     """
     made = []
     for path in sorted(Path(folder).rglob("*.csv")):
@@ -396,7 +367,6 @@ def _copy_for_excel(path: Path, copy: Path) -> None:
 
 
 def _write_table(file: TextIO, columns: Mapping[str, Any], *, header: bool = True) -> None:
-    """Write a table's lines, some rows at a time."""
     writer = csv.writer(file, lineterminator="\n")
     if header:
         writer.writerow(columns)

@@ -1,8 +1,4 @@
-"""TIFF stacks that ImageJ opens with their scale.
-
-The scale that a TIFF names: the side of a pixel in millimetres.
-
-ImageJ regions of interest: fringe lines out as polylines, areas in as masks.
+"""What ImageJ reads and writes: TIFF stacks with their scale, regions of interest.
 
 ImageJ's habits stay here: (x, y), areas counted from the corners of pixels, lines and points from
 their centres. The library that knows the format of its regions is an extra of its own.
@@ -26,7 +22,7 @@ from isochrome.errors import InputError, reason_of
 from isochrome.output.files import replacing
 
 if TYPE_CHECKING:
-    import tifffile
+    pass
 
 DTYPES = ("uint8", "uint16", "float32")
 IMAGEJ_LIMIT = 4_000_000_000
@@ -56,11 +52,8 @@ def write_tiff(
     photometric: Photometric = "minisblack",
     metadata: Mapping[str, Any] | None = None,
 ) -> None:
-    """Write a stack, whole or not at all, so that ImageJ shows its scale.
-
-    `stack`, frames of uint8, uint16 or float32 (NaN allowed), of any byte order; (frame, row, col,
-    3) with `photometric` 'rgb'. `metadata`, what ImageJ is to know besides, see `imagej_view`.
-    """
+    """Write a stack (frame, row, col[, 3 of 'rgb']), whole or not at all, so that ImageJ shows its
+    scale."""
     data = np.asarray(stack)
     if data.ndim < 3 or data.shape[0] == 0:
         raise InputError("stack_frame_row_col", path=path, shape=data.shape)
@@ -88,10 +81,7 @@ def write_frames(
     photometric: Photometric = "minisblack",
     metadata: Mapping[str, Any] | None = None,
 ) -> None:
-    """Write a stack as `write_tiff` does, from frames that are there one at a time.
-
-    `shape` is that of all of them together, frames first.
-    """
+    """Write a stack as `write_tiff` does, from frames that come one at a time; `shape`, of all."""
     import tifffile
 
     order = dtype.newbyteorder("<")  # tifffile takes an iterator's frames as they are
@@ -115,12 +105,12 @@ def imagej_view(
     top_mm: float | None = None,
     times_s: npt.ArrayLike | None = None,
 ) -> dict[str, Any]:
-    """Give what ImageJ is to know of a stack besides its scale, by its own names for it.
+    """What ImageJ is to know of a stack besides its scale, by its own names for it.
 
-    Its origin is the scene's, counted at a pixel's upper left corner. The colours of an order go
-    from nought, those of a stress to the same value on either side of it; directions, confidence
-    and normalised frames have their own `span`. `labels` stand above the slices, `left_mm` and
-    `top_mm` are outer edges, `times_s` are told where they are even to a thousandth.
+    Its origin is the scene's, counted at a pixel's upper left corner. An order's colours go from
+    nought, a stress's to the same value on either side; others have their own `span`. `labels`
+    stand above the slices, `left_mm` and `top_mm` are outer edges, `times_s` are told where they
+    are even.
     """
     from matplotlib import colormaps
 
@@ -156,11 +146,10 @@ def _stack_layout(
     photometric: Photometric,
     metadata: Mapping[str, Any] | None,
 ) -> tuple[dict[str, Any], dict[str, Any]]:
-    """How a stack lies on disk: up to 4 GB in ImageJ's layout with its scale.
+    """The arguments of tifffile's TiffWriter and of its `write`: up to 4 GB in ImageJ's layout.
 
-    Beyond, as a BigTIFF, whose scale is in pixels per centimetre. ImageJ knows colour in 8 bits
-    only, other colours make a plain TIFF. Parameters as in `write_frames`. Returns the arguments of
-    tifffile's TiffWriter, and those of its `write`.
+    Beyond, and in colour of more than 8 bits, a BigTIFF or TIFF whose scale is in pixels per
+    centimetre.
     """
     size = int(np.prod(shape, dtype=np.int64)) * dtype.itemsize
     imagej = size < IMAGEJ_LIMIT and min(shape[1:3]) > 1  # tifffile turns single columns over
@@ -184,38 +173,10 @@ def _stack_layout(
 
 
 _MICRONS = ("um", "µm", "μm", "\\u00b5m", "micron", "microns")
-MM_PER_UNIT = {"mm": 1.0, "cm": 10.0, "m": 1e3, **dict.fromkeys(_MICRONS, 1e-3), "nm": 1e-6}
-
-
-def read_pixel_mm(path: str | Path) -> float | None:
-    """The pixel's side, mm, that a TIFF names; None where it names none.
-
-    ImageJ's unit and pixels per centimetre count as a scale; dots per inch are a print size, not
-    the object's, and do not.
-    """
-    import tifffile
-
-    try:
-        with tifffile.TiffFile(path) as tif:
-            return pixel_mm_of(tif)
-    except (OSError, ValueError, tifffile.TiffFileError) as error:
-        raise InputError("not_readable_tiff_check", path=path, error=error) from error
-
-
-def pixel_mm_of(tif: tifffile.TiffFile) -> float | None:
-    """The pixel's side that an open TIFF names, see `read_pixel_mm`."""
-    tags: Any = getattr(tif.pages[0], "tags", {})
-    if "XResolution" not in tags or "YResolution" not in tags:
-        return None
-    num, den = tags["XResolution"].value
-    if num == 0 or den == 0 or tags["YResolution"].value != (num, den):
-        return None
-    if tif.is_imagej:
-        mm = MM_PER_UNIT.get(str((tif.imagej_metadata or {}).get("unit", "")).strip().lower())
-    else:
-        mm = 10.0 if "ResolutionUnit" in tags and int(tags["ResolutionUnit"].value) == 3 else None
-    return None if mm is None else mm * den / num
-
+MM_PER_UNIT = {
+    "mm": 1.0, "cm": 10.0, "m": 1e3, **dict.fromkeys(_MICRONS, 1e-3), "nm": 1e-6, "in": 25.4,
+}  # fmt: skip
+"""Units of length by the words that ImageJ, OME and instruments have for them."""
 
 Mask = NDArray[np.bool_]
 SUFFIXES = (".roi", ".zip")
@@ -234,9 +195,8 @@ AREAS = ("POLYGON", "RECT", "OVAL", "FREEHAND", "TRACED")
 def roi_entries(lines: Iterable[Any], frame: int) -> list[tuple[str, bytes]]:
     """ImageJ polylines of a frame's fringe lines, the files in a .zip for its ROI manager.
 
-    A line has `rows`, `cols` (n,), px, a `kind`, and an `order`, by which it is named: 'frame 3: N
-    = 1.5 bright', with '#2' on for the next; without one 'frame 3: line 7 dark', by its number from
-    0. ImageJ shows them on the slice of a stack that the frame's number, from 0, is.
+    Named by their order, 'frame 3: N = 1.5 bright', with '#2' on for the next; without one by their
+    number, 'frame 3: line 7 dark'. They stand on the slice that the frame's number, from 0, is.
     """
     roifile = load_roifile()
     entries, counts = [], Counter[str]()
@@ -262,10 +222,7 @@ def add_rois(archive: zipfile.ZipFile, contents: Iterable[tuple[str, bytes]]) ->
 
 
 def read_roi_mask(path: Path, shape: tuple[int, int]) -> Mask:
-    """The pixels whose centres lie in any of the areas of an ImageJ .roi or .zip file.
-
-    Parts of composite areas that lie in each other are holes.
-    """
+    """The pixels whose centres lie in any area of an ImageJ .roi or .zip; inner parts are holes."""
     roifile = load_roifile()
     _check_size(path)
     try:
@@ -340,8 +297,7 @@ def _inside(roi: Any, shape: tuple[int, int]) -> Mask:
 def _filled(outline: NDArray[np.float64], shape: tuple[int, int]) -> Mask:
     """Pixels whose centres lie in a closed polygon of (x, y), by the even-odd rule.
 
-    Along a row the inside changes at each side that crosses it. Source: Foley, van Dam, Feiner and
-    Hughes (1990), Computer Graphics, section 3.6.
+    Source: Foley, van Dam, Feiner and Hughes (1990), Computer Graphics, section 3.6.
     """
     ends = np.roll(outline, -1, axis=0)
     low, high = (f(outline[:, 1], ends[:, 1]) for f in (np.minimum, np.maximum))

@@ -1,12 +1,7 @@
 """What every command gives back: a table, JSON, warnings, a figure, and a report of a few lines.
 
-Figures, and the record of what a result came from.
-
-Values of many frames with their uncertainties, whoever found them.
-
-Frames as sentences name them: each cause once, with the frames that it is of.
-
-A result as a sentence, the same on the terminal and in a report.
+And its words: frames as sentences name them, values with their uncertainties, a result as a
+sentence, the same on the terminal and in a report.
 """
 
 from __future__ import annotations
@@ -111,7 +106,6 @@ class Result:
         return self.draw()
 
     def _report(self) -> list[tuple[str, str]]:
-        """The main values, of many the first ones."""
         values = list(self.main_values())
         most = _MOST_VALUES - bool(self.uncertainty_basis)
         more = len(values) - most
@@ -184,9 +178,7 @@ def counted(count: int, item: str) -> str:
 
 
 def per_cent(share: float) -> str:
-    """A small share of a picture, such as '1.2 %'; of a few pixels 'less than 0.1 %', never '0.0
-    %'.
-    """
+    """A small share of a picture, such as '1.2 %'; of a few pixels 'less than 0.1 %'."""
     return f"{100.0 * share:.1f} %" if share >= _LEAST_SHARE else "less than 0.1 %"
 
 
@@ -204,20 +196,15 @@ def with_uncertainty(value: float, spread: float) -> str:
 
 
 def to_last_digit(value: float, spread: float | None) -> str:
-    """A value to the last decimal that its standard uncertainty has with two digits.
-
-    With five digits where that is not known.
-    """
+    """A value to the last decimal of its uncertainty's two digits, or in five where none is
+    known."""
     if not (spread and math.isfinite(spread) and math.isfinite(value)):
         return f"{value:.5g}"
     return with_uncertainty(value, spread).partition(" ± ")[0]
 
 
 def agree(one: tuple[float, float], other: tuple[float, float]) -> bool:
-    """Whether two values agree within two of their combined standard uncertainties.
-
-    Of true values and uncertainties 1 in 20 does not.
-    """
+    """Whether two values agree within two of their combined standard uncertainties."""
     return abs(one[0] - other[0]) <= 2.0 * math.hypot(one[1], other[1])
 
 
@@ -243,10 +230,8 @@ def over_items(
     items: str = "frames",
     digits: int = 5,
 ) -> str:
-    """A column as a report shows it: mean and span, with the median standard uncertainty.
-
-    `digits`, of values without an uncertainty.
-    """
+    """A column as a report shows it: mean and span (`digits`), and the median standard
+    uncertainty."""
     known, each = (column[np.isfinite(column)] for column in map(numbers, (values, spreads)))
     if not known.size:
         return "not known"
@@ -264,10 +249,7 @@ def over_items(
 
 
 def write_figure(path: str | Path, figure: Figure, *, dpi: float = FIGURE_DPI) -> None:
-    """Write a matplotlib Figure as PNG by the Agg back-end, without pyplot and its state.
-
-    Letters of a file's name that the font does not have are drawn as boxes.
-    """
+    """Write a matplotlib Figure as PNG by the Agg back-end, without pyplot and its state."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     with replacing(path) as beside, warnings.catch_warnings():
@@ -293,10 +275,8 @@ InputContent = str | Path | Digested
 def provenance(
     scene_toml: str | None, inputs: Iterable[InputContent] = (), seed: int | None = None
 ) -> dict[str, Any]:
-    """Record what a result came from: version, resolved scene, hashes of the inputs, seed.
-
-    A folder among the inputs stands for the files in it.
-    """
+    """What a result came from: version, resolved scene, hashes of the inputs (of a folder its
+    files), seed."""
     hashes: dict[str, str] = {}
     for place in inputs:
         if not isinstance(place, str | Path):
@@ -333,9 +313,8 @@ _NUMBER = re.compile(
 def messages_of_frames(messages: Iterable[tuple[int, str]], *, single: bool = False) -> list[str]:
     """Say what is to be said of frames, each cause once, with the frames that it is of.
 
-    Sentences that differ in their numbers alone have one cause, and their numbers become spans.
-    Where a frame says a sentence several times, each time of something else, all stay apart. A
-    `single` frame needs no number.
+    Sentences that differ in their numbers alone have one cause, and their numbers become spans;
+    where a frame says one several times, all stay apart. A `single` frame needs no number.
     """
     if single:
         return list(dict.fromkeys(text for _, text in messages))
@@ -524,11 +503,10 @@ def sentence_of(
     refined: Sequence[str] = (),
     basis: str = "",
 ) -> str:
-    """Say a result as a sentence: load 62.00 ± 0.28 N, friction 0.180 ± 0.001; causes found: none.
+    """A result as a sentence: load 62.00 ± 0.28 N, friction 0.180 ± 0.001; causes found: none.
 
-    Of several frames it is the mean, the least and the most, and the ± of one of them. `causes`,
-    what the frames asked for; None where nobody asked them; `refined`, see `refined_texts`;
-    `basis`, see `basis_of_uncertainty`.
+    Of several frames the mean, the least and the most, and the ± of one of them. `causes`: None
+    where nobody asked; `refined`, see `refined_texts`; `basis`, see `basis_of_uncertainty`.
     """
     rows = list(rows)
     parts = [spoken(*row) for row in rows]
@@ -555,9 +533,9 @@ def spoken(key: str, mean: Any, least: Any, most: Any, spread: Any) -> str:
 def basis_of_uncertainty(
     exact: Sequence[str], *, frames: int = 1, besides: Sequence[str] = ()
 ) -> str:
-    """Say what a ± is of, and which inputs were taken as `exact`, those that move the answer first.
+    """What a ± is of, and which inputs were taken as `exact`; empty where none was.
 
-    `besides`, what else than the pictures the ± is of. Empty where nothing was taken as exact.
+    `besides`, what else than the pictures the ± is of.
     """
     if not exact:
         return ""
@@ -570,10 +548,7 @@ def basis_of_uncertainty(
 def refined_texts(
     rows: Iterable[Sequence[Any]], stated: Mapping[str, tuple[float, float]]
 ) -> list[str]:
-    """Say which values are known better than they were stated, as far as two digits of a ± tell.
-
-    Of values that agree with what was stated: each with that, the one that became surest first.
-    """
+    """Which values are known better than stated, as far as two digits of a ± tell, surest first."""
     better = []
     for key, mean, _, _, spread in rows:
         value, before = stated[key]
@@ -597,10 +572,7 @@ def rows_by_key(table: Mapping[str, Sequence[Any]]) -> dict[str, Row]:
 
 
 def sentence_of_orders(table: Mapping[str, Sequence[Any]]) -> str:
-    """Say what was read without a model: share of the pixels, highest order, typical ±.
-
-    Of several frames the share is the mean, and the ± the median.
-    """
+    """What was read without a model: mean share of the pixels, highest order, median ±."""
     count = len(table["frame"])
     head = f"in {count} frames: " if count > 1 else ""
     if not {"kept_share", "fringe_lines"} & set(table):

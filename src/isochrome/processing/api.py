@@ -90,7 +90,6 @@ from isochrome.runs import (
     RunFolder,
     RunLayout,
     RunOptions,
-    StoredArrays,
     WorkerPool,
     add_columns,
     attributes,
@@ -104,6 +103,7 @@ from isochrome.runs import (
     rows,
     run_job,
     single_threaded,
+    stored_arrays,
     trim_heap,
     working_folder,
     write_stack,
@@ -240,7 +240,7 @@ def finish_set_folder(
         write_text(folder / "fitted_scene.toml", dump_scene(result.fitted))
     write_text(folder / "scene.toml", dump_scene(scene))
     _add_to_store(run_folder, job, result, more, shape)
-    stored = StoredArrays(folder)
+    stored = stored_arrays(folder)
     draw = partial(set_figure, scene, table, shown_items(table, stored, more["status"]))
     more.clear()  # a picture needs room: of a long run no more than the table is left then
     trim_heap()

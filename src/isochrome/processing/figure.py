@@ -82,9 +82,9 @@ if TYPE_CHECKING:
     from PIL import Image
 
     from isochrome.processing.processed import Processed
-    from isochrome.runs import RunDataset, StoredArrays
+    from isochrome.runs import RunDataset, StoredArray
 
-    Kept = RunDataset | StoredArrays
+    Kept = RunDataset | dict[str, StoredArray]
     """What maps are drawn from: a run's dataset, or results that are being finished."""
 
 _MOST_LINES = 12
@@ -510,12 +510,12 @@ def _frames(dataset: Kept, result: Processed) -> tuple[list[ReportFrame], str]:
     unknown = [None] * len(table["frame"])
     chi, largest = (numbers(table.get(name, unknown))[having] for name in ("chi", "n_max"))
     chosen = choose_frames(chi, largest)
-    shown = [shown_item(table, dataset, int(having[one.number])) for one in chosen]
+    shown = [shown_item(table, dataset, int(having[k])) for k in chosen]
     text = f"{len(chosen)} of {counted(len(table['frame']), 'frame')} are shown"
     if len(chosen) < len(having):
         what = "key " * (not of_all) + "frames"
         text += f", chosen among {len(having)} {what} for the reason that stands beside each"
-    return _report_frames(result, shown, [one.why for one in chosen]), f"{text}."
+    return _report_frames(result, shown, list(chosen.values())), f"{text}."
 
 
 _LIGHT = (0.0, 1.0)

@@ -1,11 +1,4 @@
-"""The report as one HTML page: nothing is fetched, and nothing of a run is ever code in it.
-
-Pictures and orders of some frames as text in a page, in bounded room.
-
-Which frames of a run a report shows, and why these.
-
-What a report says, whatever run it is of: sentences, tables, curves, and what a paper states.
-"""
+"""The report as one HTML page: nothing is fetched, and nothing of a run is ever code in it."""
 
 from __future__ import annotations
 
@@ -48,27 +41,19 @@ if TYPE_CHECKING:
     from matplotlib.image import AxesImage
 
 MOST_FRAMES = 8
-"""Frames in a report: of a camera's usual picture so many are shown pixel by pixel in 10 MB."""
+"""Frames in a report or figure: of a usual picture so many are shown pixel by pixel in 10 MB."""
 
 
-@dataclass(frozen=True)
-class ChosenFrame:
-    """A frame that a report shows."""
+def choose_frames(chi: ArrayLike, order: ArrayLike) -> dict[int, str]:
+    """The frames that a report shows, and why, by chi and largest order, which may be NaN.
 
-    number: int  # among those it was chosen from, from 0
-    why: str  # empty where all are shown
-
-
-def choose_frames(chi: ArrayLike, order: ArrayLike) -> list[ChosenFrame]:
-    """Choose the frames that a report shows by chi and largest order, which may be NaN.
-
-    All, where they are no more than MOST_FRAMES; else the first and the last, the one that
-    its model describes worst, the one with the largest order, and between them evenly spaced ones.
+    All, or the first and the last, the one that its model describes worst, the one with the largest
+    order, and between them evenly spaced ones.
     """
     worst, largest = np.asarray(chi, float), np.asarray(order, float)
     count = len(worst)
     if count <= MOST_FRAMES:
-        return [ChosenFrame(k, "") for k in range(count)]
+        return dict.fromkeys(range(count), "")
     why = {0: "the first", count - 1: "the last"}
     for values, reason in ((worst, "the largest chi"), (largest, "the largest order")):
         if np.isfinite(values).any():
@@ -78,7 +63,7 @@ def choose_frames(chi: ArrayLike, order: ArrayLike) -> list[ChosenFrame]:
         number = next((k for k in range(round(place), count) if k not in why), None)
         if number is not None:
             why[number] = "evenly spaced"
-    return [ChosenFrame(k, why[k]) for k in sorted(why)]
+    return dict(sorted(why.items()))
 
 
 Array = NDArray[Any]
@@ -147,7 +132,7 @@ _AS_IT_IS = ("number", "label", "why", "notes", "pixel_mm", "left_mm", "top_mm")
 
 
 def encode_frames(frames: Sequence[ReportFrame], *, room: int = ROOM_BYTES) -> list[dict[str, Any]]:
-    """For each frame its pictures as PNG and its orders, as the page takes them, in `room` bytes.
+    """For each frame its pictures and orders as the page takes them, in `room` bytes.
 
     Of each n-th pixel of each n-th row where all would take too much.
     """
@@ -203,8 +188,7 @@ def order_map(order: Array, step: float = STEP) -> dict[str, Any]:
     """Fringe orders (row, col), NaN = not known, as text, each within half a step of its own.
 
     `data`: base64 of zlib: N/step - first + 1 as 16-bit whole numbers, 0 = not known; each less the
-    one to its left (modulo 2^16), first all low bytes and then all high ones, row by row. `first`:
-    the smallest N/step; `step`, fringes.
+    one to its left (modulo 2^16), first all low bytes and then all high ones, row by row.
     """
     known = np.isfinite(order)
     steps = np.rint(np.where(known, order, 0.0).astype(float) / step).astype(np.int64)
@@ -234,8 +218,7 @@ def _png(pane: Pane, values: Array) -> str:
 
 
 _MOST = 60
-"""Rows of a table in a report, warnings of a group and files of the input with their hashes: the
-run's own files have all of them."""
+"""Rows of a table, warnings of a group, hashes of files: the run's own files have all of them."""
 
 _SPREAD = "standard_uncertainty"
 
@@ -249,10 +232,7 @@ class ReportTable:
 
     @property
     def rows(self) -> list[tuple[tuple[str, bool], ...]]:
-        """The first rows: each value as text, and whether it is a number, which is not broken.
-
-        A ± has two digits, a value those to the last of its own.
-        """
+        """The first rows: each value to its ±'s last digit, and whether it is a number."""
         columns = []
         for name, values in self.columns.items():
             column = _SPREAD if name == "value" else f"{name} {_SPREAD}"
@@ -297,10 +277,7 @@ class ReportContent:
 def fitted_report(
     result: FittedResult, record: Mapping[str, Any], verdict: str, goodness: str, **parts: Any
 ) -> ReportContent:
-    """What the report of fitted frames says, with the `parts` that are of its command.
-
-    `record`, what provenance.json holds; `verdict`, in a sentence; `goodness`, in another one.
-    """
+    """The report of fitted frames; `record`, provenance.json; `verdict`, `goodness`: sentences."""
     return ReportContent(
         title=result.title, verdict=f"{verdict[:1].upper()}{verdict[1:]}. {goodness}",
         curves=values_plots(result.over_frames), taken_as_exact=result.taken_as_exact,
@@ -310,11 +287,8 @@ def fitted_report(
 
 
 def warnings_with_remedies(warnings: Iterable[str]) -> list[dict[str, Any]]:
-    """Group warnings by what they are about, each group with its meaning, cause and remedy.
-
-    Dicts of 'title', 'meaning', 'cause' and 'remedy', empty for what the guide does not explain;
-    'messages', the first ones in their order; and 'left_out', how many more there are.
-    """
+    """Group warnings by what they are about, with meaning, cause, remedy, and how many are left
+    out."""
     groups: dict[str, dict[str, Any]] = {}
     for text in warnings:
         entry = entry_of(text)
@@ -374,10 +348,7 @@ def camera_rows(camera: Camera | None, light: Polariscope, frames: Frames) -> li
 
 
 def paper_rows(scene: Scene | None, record: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Names and values, with units, of what a paper states of a run.
-
-    `record` is provenance.json: versions and hashes; the scene is None where the run has none.
-    """
+    """Names and values, with units, of what a paper states of a run; `record`, provenance.json."""
     result = list[tuple[str, str]]()
     if scene is not None:
         result += [*camera_rows(scene.camera, scene.polariscope, scene.frames), *_numbers(scene)]
@@ -459,10 +430,7 @@ def drawn_chart(plot: Plot) -> dict[str, Any] | None:
 def assemble_page(
     room: str, name: str, *, scripts: Sequence[str], policy: str, values: dict[str, Any]
 ) -> str:
-    """A page of a room's NAME.html.jinja, NAME.css and scripts, in which every value is escaped.
-
-    The scripts are one, in this order; for `policy` see `content_policy`.
-    """
+    """A page of a room's NAME.html.jinja, NAME.css and scripts, in which every value is escaped."""
     from markupsafe import Markup
 
     return _template(room, name).render(
@@ -494,7 +462,6 @@ def _hash(text: str) -> str:
 
 @cache
 def _template(room: str, name: str) -> Template:
-    """A room's NAME.html.jinja."""
     from jinja2 import Environment, StrictUndefined
 
     environment = Environment(
@@ -510,7 +477,6 @@ def _joined(room: str, scripts: tuple[str, ...]) -> str:
 
 @cache
 def _part(room: str, name: str) -> str:
-    """A file of a room."""
     return (resources.files(room) / name).read_text("utf-8")
 
 
@@ -534,11 +500,8 @@ def write_report(path: str | Path, content: ReportContent) -> Path:
 
 
 def report_html(content: ReportContent) -> str:
-    """The page of a report.
-
-    Its policy of content allows the one style and the one script that are in it, by their hashes,
-    and pictures that are in it; no address is ever asked.
-    """
+    """The page of a report, which allows its own style, script and pictures, and asks no
+    address."""
     picture = _picture(content.picture, ROOM_BYTES // 2)
     frames = encode_frames(content.frames, room=ROOM_BYTES - len(picture))
     maps = (one[name] for one in frames for name in ("order", "model_order") if one[name])

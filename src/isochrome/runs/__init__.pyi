@@ -40,7 +40,7 @@ from .maps import RunArray, RunDataset
 from .store import (
     WORKING,
     Column,
-    StoredArrays,
+    StoredArray,
     add_columns,
     attributes,
     checked_store,
@@ -52,6 +52,7 @@ from .store import (
     make_dataset,
     named_units,
     open_run,
+    stored_arrays,
     texts,
     write_stack,
 )
@@ -83,7 +84,7 @@ __all__ = [
     "RunLayout",
     "RunOptions",
     "Stopped",
-    "StoredArrays",
+    "StoredArray",
     "Verified",
     "WorkerPool",
     "WorkersLost",
@@ -117,6 +118,7 @@ __all__ = [
     "run_job",
     "seal",
     "single_threaded",
+    "stored_arrays",
     "texts",
     "trim_heap",
     "verify",

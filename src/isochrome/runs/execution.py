@@ -1,13 +1,8 @@
 """A long run: chunk after chunk, each kept when it is done; after a crash, it resumes there.
 
-The working folder beside an output: what is finished of a run, until all of it is.
-
 DIR.partial holds the manifest (what the run is a result of), the records of its finished chunks,
-and, in a folder of its own, the files that become DIR. It goes when DIR is there.
-
-One run at a time on one output: a lock that the system opens when its process dies.
-
-The end of a run: its results take their place, and what was there before goes, or stays.
+and, in a folder of its own, the files that become DIR. It goes when DIR is there. One run works on
+an output at a time: a lock that the system opens when its process dies.
 """
 
 from __future__ import annotations
@@ -51,9 +46,9 @@ from isochrome.runs.workers import (
     Finished,
     WorkerPool,
     WorkersLost,
-    alone,
     by_cluster,
     by_processes,
+    compute,
     keep_steady,
     processors,
 )
@@ -66,10 +61,7 @@ LOCK, OWNER = "lock", "owner.txt"
 
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Hold a folder for this process alone; it is made if need be, and removed when left empty.
-
-    Raises InputError.
-    """
+    """Hold a folder for this process alone; it is made if need be, and removed when left empty."""
     from filelock import FileLock, Timeout
 
     lock, made = None, not os.path.lexists(folder)
@@ -123,10 +115,7 @@ _GROUP = "group.json"
 
 
 def working_folder(out: Path) -> Path:
-    """Name the folder where a run keeps what it has of its output.
-
-    Returns the folder beside it. Raises InputError.
-    """
+    """The folder beside an output where a run keeps what it has of it."""
     try:
         check_link(out)
         target = out.resolve()
@@ -146,10 +135,7 @@ def working_folder(out: Path) -> Path:
 
 
 def faults_of(target: Path, identity: Mapping[str, Any]) -> dict[str, str] | None:
-    """What is damaged of the results that a run of an identity has left, by a file's path.
-
-    None where the folder's record is of no such run, or is damaged itself.
-    """
+    """What is damaged of a run's results, by file; None where the record is of no such run."""
     known = None
     with suppress(InputError):
         known = integrity.read_record(target)
@@ -164,10 +150,7 @@ def holds_results(target: Path, identity: Mapping[str, Any]) -> bool:
 
 
 def take_back(run: RunFolder, target: Path) -> None:
-    """Take chunks that are left of damaged results back to work, of which only the record is known.
-
-    Whether they are whole is looked at as in any run that goes on. Raises OSError.
-    """
+    """Take chunks that are left of damaged results back to work, where they are looked at anew."""
     placed = replace(run, results=target)
     for index in range(run.layout.chunks if run.layout.store else 0):
         record = None if run.record_file(index).exists() else read_record_of(placed, index)
@@ -183,10 +166,7 @@ def take_back(run: RunFolder, target: Path) -> None:
 
 
 def open_run_folder(root: Path, job: Job, *, restart: bool) -> RunFolder:
-    """The working folder of a run: as an earlier one of the same identity left it, or a new one.
-
-    The `root` is locked. Raises InputError where an earlier run was of something else, OSError.
-    """
+    """The working folder of a run: as an earlier one of the same identity left it, or a new one."""
     manifest = None if restart else _manifest(root)
     if manifest is not None:
         changed = difference(manifest["identity"], job.identity)
@@ -202,7 +182,19 @@ def open_run_folder(root: Path, job: Job, *, restart: bool) -> RunFolder:
             clear_up(run)
             return run
     wipe(root)
-    return _new(root, job)
+    token = f"results-{secrets.token_hex(4)}"  # a dead run's last worker finds its folder gone
+    results, layout = root / token, job.layout
+    check_room(root, layout, layout.count)
+    run = RunFolder(results, layout, identity_digest(job.identity))
+    results.mkdir()
+    run.records.mkdir()
+    if layout.store:
+        create_store(results / STORE, layout)
+        shutil.copyfile(results / STORE / "zarr.json", root / _GROUP)
+    sync_tree(root)
+    body = {"identity": dict(job.identity), "layout": _described(layout), "token": token}
+    integrity.write_checked(root / MANIFEST, body)
+    return run
 
 
 def has_run(root: Path) -> bool:
@@ -211,10 +203,7 @@ def has_run(root: Path) -> bool:
 
 
 def wipe(root: Path) -> None:
-    """Remove all that is in a working folder but its lock.
-
-    Raises OSError.
-    """
+    """Remove all that is in a working folder but its lock."""
     for entry in sorted(root.iterdir(), key=lambda e: e.name != MANIFEST):
         if entry.name not in (LOCK, OWNER):
             integrity.remove(entry)
@@ -235,24 +224,8 @@ def _described(layout: RunLayout) -> Any:
     return json.loads(json.dumps(asdict(layout)))
 
 
-def _new(root: Path, job: Job) -> RunFolder:
-    token = f"results-{secrets.token_hex(4)}"  # a dead run's last worker finds its folder gone
-    results, layout = root / token, job.layout
-    check_room(root, layout, layout.count)
-    run = RunFolder(results, layout, identity_digest(job.identity))
-    results.mkdir()
-    run.records.mkdir()
-    if layout.store:
-        create_store(results / STORE, layout)
-        shutil.copyfile(results / STORE / "zarr.json", root / _GROUP)
-    sync_tree(root)
-    body = {"identity": dict(job.identity), "layout": _described(layout), "token": token}
-    integrity.write_checked(root / MANIFEST, body)
-    return run
-
-
 def clear_up(run: RunFolder) -> None:
-    """Remove what a killed run left half-written beside finished chunks. Raises OSError."""
+    """Remove what a killed run left half-written beside finished chunks."""
     layers = {layer.name for layer in run.layout.layers}
     store, keep = run.results / STORE, {STORE, RECORDS}
     for entry in [*run.results.iterdir(), *(store.iterdir() if run.layout.store else ())]:
@@ -289,7 +262,7 @@ def is_finished(run: RunFolder) -> bool:
 
 
 def sync_tree(folder: Path) -> None:
-    """Put all files and names below a folder through to the disk. Raises OSError."""
+    """Put all files and names below a folder through to the disk."""
     for path, _, files in os.walk(folder):
         for name in files:
             with open(os.path.join(path, name), "rb+") as file:
@@ -298,10 +271,8 @@ def sync_tree(folder: Path) -> None:
 
 
 def publish(run: RunFolder, target: Path) -> None:
-    """Give finished results their place: by one rename, or file by file into an existing folder.
-
-    Killed in between, the next run goes on with it. Raises OSError.
-    """
+    """Give finished results their place by one rename, or file by file; killed, the next run goes
+    on."""
     root = run.root
     if not is_finished(run):
         check_own(target, (entry.name for entry in run.results.iterdir()))
@@ -321,7 +292,7 @@ def publish(run: RunFolder, target: Path) -> None:
 
 def check_own(target: Path, names: Iterable[str]) -> None:
     """Refuse to replace files that no run has left, such as a scene that somebody wrote."""
-    outputs = _outputs(_record(target))
+    _, outputs = _record(target)
     known = {name.partition("/")[0] for name in outputs} | {integrity.PROVENANCE}
     known |= {STORE, integrity.REPORT} if outputs else set()  # of an earlier version too
     if not outputs:  # a run may have left its results, and nobody knows any more which these are
@@ -340,28 +311,23 @@ def check_own(target: Path, names: Iterable[str]) -> None:
             )
 
 
-def _record(target: Path) -> Mapping[str, Any]:
-    """What an earlier run has left to say of itself; nothing where it cannot be read."""
+def _record(target: Path) -> tuple[Mapping[str, Any], list[str]]:
+    """An earlier run's record and, by it, its files; nothing where it cannot be read."""
     known = None
     with suppress(InputError):
         known = integrity.read_record(target)
-    return {} if known is None else known.record
-
-
-def _outputs(record: Mapping[str, Any]) -> list[str]:
-    """The files of an earlier run, by its record."""
+    record = {} if known is None else known.record
     outputs = record.get("outputs")
-    return list(outputs) if isinstance(outputs, dict) else []
+    return record, list(outputs) if isinstance(outputs, dict) else []
 
 
 def _clear_old(results: Path, target: Path) -> None:
     """Take from a folder what an older run says of it, and its files that have no successor.
 
-    Else they would pass for results of the new one. What is left of the record are the names of
-    all that runs have made there: should this one be killed here, the next knows them.
+    Else they would pass for results of the new one. What is left of the record are the names of all
+    that runs have made there: should this one be killed here, the next knows them.
     """
-    record = _record(target)
-    outputs = _outputs(record)
+    record, outputs = _record(target)
     names = sorted({*outputs, *(entry.name for entry in results.iterdir())})
     placing = {"placing": results.name, "outputs": dict.fromkeys(names, 0)}
     integrity.write_through(target / integrity.PROVENANCE, json.dumps(placing).encode())
@@ -404,10 +370,9 @@ class Stopped(KeyboardInterrupt):
 class RunOptions:
     """By whom and how a run is computed; none of it changes a result.
 
-    `workers`, processes on this machine; None: as many as there are processors where it is worth
-    starting them; `cluster`, address of a Dask scheduler instead; `restart`, whether to throw away
-    what an earlier run left; `keep_going`, whether to leave out items that fail instead of ending
-    with the first; `pool`, worker processes that are started already.
+    `workers`, processes on this machine (None: as many as are worth it); `cluster`, address of a
+    Dask scheduler instead; `restart`: throw away what an earlier run left; `keep_going`: leave out
+    items that fail instead of ending with the first; `pool`, processes that are started already.
     """
 
     workers: int | None = 1
@@ -433,17 +398,15 @@ def run_job(
 ) -> T | None:
     """Compute a job and leave its results in a folder, all of them or none.
 
-    What is finished is kept in OUT.partial. The same call goes on with it, and ends with the same
-    bytes as if nothing had happened. `finish` makes the rest of the files in `run.results` when all
-    chunks are there. Returns what it returns, None where the folder holds all results already.
-    Raises InputError, and whatever the job raises.
+    What is finished is kept in OUT.partial: the same call goes on with it, and ends with the same
+    bytes. `finish` makes the rest of the files when all chunks are there. Returns what it returns,
+    None where the folder holds all results already.
     """
     options = options or RunOptions()
     keep_steady()
-    _check_workers(job, options)
     root = working_folder(Path(out))
     target, stamps = Path(out).resolve(), stamps_of(job.identity)
-    check_apart(stamps, target)
+    _check_call(job, options, stamps, target)
     with locked(root):
         faults = None if options.restart else faults_of(target, job.identity)
         if faults == {}:
@@ -469,24 +432,35 @@ def run_job(
                 except PhysicsError:  # as these frames and this scene would end again
                     state.fresh, state.done = True, 0
                     raise
-                check_unchanged(stamps, stamps_of(job.identity))
-                _leave_record(run, job)
+                _leave_record(run, job, stamps)
             state.done = job.layout.count
             publish(run, target)
             wipe(root)
             return result
 
 
-def _check_workers(job: Job, options: RunOptions) -> None:
-    """Refuse no worker at all, and several where one process has to do all. Raises InputError."""
+def _check_call(job: Job, options: RunOptions, stamps: Stamps, target: Path) -> None:
+    """Refuse no worker, several where one has to do all, and an output among the input files."""
     if options.workers is not None and options.workers < 1:
         raise InputError("workers_give_more", workers=options.workers)
     if job.in_turn and (options.cluster is not None or (options.workers or 1) > 1):
         raise InputError("workers_cluster_each_frame")
+    if inside := [file for file in stamps if file.resolve().parent == target]:
+        raise InputError("lies_folder_where_results", inside=inside[0], target=target)
 
 
-def _leave_record(run: RunFolder, job: Job) -> None:
-    """Write down what the results are of, and which they are: last, when all others are there."""
+def _leave_record(run: RunFolder, job: Job, before: Stamps) -> None:
+    """Write down what the results are of, and which they are: last, when all others are there.
+
+    Results of input that was changed while it was read are refused; a file that is no longer there
+    was read before, or its reader has said that it was not.
+    """
+    for file, now in stamps_of(job.identity).items():
+        stamp = before.get(file, now)
+        if now != stamp:
+            raise InputError(
+                "changed_while_read_bytes_before", file=file, stamp=stamp[0], now=now[0]
+            )
     known = {  # checksums that need not be read from the files again
         run.chunk_file(name, index).relative_to(run.results).as_posix(): checksum
         for index in range(run.layout.chunks if run.layout.layers else 0)
@@ -497,10 +471,7 @@ def _leave_record(run: RunFolder, job: Job) -> None:
 
 @dataclass
 class _State:
-    """What is kept of a run: how many items are `done`.
-
-    `fresh`, whether the working folder holds nothing of an earlier run.
-    """
+    """Items of a run that are `done`; `fresh`: the folder holds nothing of an earlier run."""
 
     fresh: bool = False
     done: int = 0
@@ -581,7 +552,7 @@ def _finished(
     workers = 1 if job.in_turn else options.workers
     if workers is None:
         start = time.perf_counter()
-        yield from alone(work, run, todo[:1])
+        yield todo[0], compute(work, run, todo[0])
         todo = todo[1:]
         remaining_s = (time.perf_counter() - start) * len(todo)
         workers = processors() if remaining_s > WORTH_WORKERS_S else 1
@@ -589,7 +560,7 @@ def _finished(
     if workers > 1:
         yield from by_processes(work, run, todo, options.pool or WorkerPool(workers))
     else:
-        yield from alone(work, run, todo)
+        yield from ((index, compute(work, run, index)) for index in todo)
 
 
 Stamps = Mapping[Path, tuple[int, int]]
@@ -604,25 +575,6 @@ def stamps_of(identity: Mapping[str, Any]) -> Stamps:
             state = file.stat()
             stamps[file] = state.st_size, state.st_mtime_ns
     return stamps
-
-
-def check_apart(stamps: Stamps, target: Path) -> None:
-    """Refuse an output folder with input files in it: the next run would read results as input."""
-    if inside := [file for file in stamps if file.resolve().parent == target]:
-        raise InputError("lies_folder_where_results", inside=inside[0], target=target)
-
-
-def check_unchanged(before: Stamps, after: Stamps) -> None:
-    """Refuse results of input that was changed while it was read. Raises InputError.
-
-    A file that is no longer there was read before, or its reader has said that it was not.
-    """
-    for file, now in after.items():
-        stamp = before.get(file, now)
-        if now != stamp:
-            raise InputError(
-                "changed_while_read_bytes_before", file=file, stamp=stamp[0], now=now[0]
-            )
 
 
 def computed(job: Job, progress: RunProgress | None) -> Iterator[dict[str, Any]]:

@@ -1,8 +1,7 @@
 """Whether results are those that were left: a record of all their files, with sizes and checksums.
 
-The record is the folder's provenance.json (of a campaign its summary.json), written last. A file is
-opened where it is a regular one of the size that was left; its checksum is looked at as it is read.
-The checksum is CRC-32C (Castagnoli), that of zarr's crc32c codec: it finds damage, not forgery.
+It is the folder's provenance.json (of a campaign its summary.json), written last. The checksum is
+CRC-32C (Castagnoli), that of zarr's crc32c codec: it finds damage, not forgery.
 """
 
 import json
@@ -10,7 +9,7 @@ import os
 import shutil
 import stat
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -149,16 +148,6 @@ def sync_folder(folder: Path) -> None:
         os.close(handle)
 
 
-FileSum = Sequence[int]
-"""Bytes and checksum of a file."""
-
-
-def is_as_left(path: Path, expected: FileSum) -> bool:
-    """Whether a file is the one that was left: of another size, it is not read. Raises OSError."""
-    size, checksum = expected
-    return is_plain(path) and path.stat().st_size == size and file_sum(path) == checksum
-
-
 @dataclass(frozen=True)
 class ResultsRecord:
     """A folder of results by its record: the `place`, and all that the `record` says."""
@@ -210,10 +199,9 @@ class ResultsRecord:
         return "" if same else message(_OTHER_SUM)
 
     def check(self, names: Iterable[str] = ()) -> None:
-        """Refuse results of which a file has gone or changed its size, or `names` their content.
+        """Refuse results of which a file is gone or of another size, or `names` of another content.
 
-        Names that the record does not have are passed over, and so is the report: it may go, and be
-        made anew. Raises InputError.
+        Names that the record does not have are passed over, and the report, which may be made anew.
         """
         for name in self.sizes:
             if name != REPORT:
@@ -257,8 +245,8 @@ def seal(
 ) -> None:
     """Write down what results are of, and all their files: last, when these are there.
 
-    `known`, checksums by the path of a file; `file`, the record's; `names`, by default of all files
-    in the folder. Raises OSError, InputError.
+    `known`, checksums by the path of a file; `file`, the record's; `names`, by default of all
+    files.
     """
     if names is None:
         paths = (Path(at) / name for at, _, files in os.walk(folder) for name in files)
@@ -289,7 +277,6 @@ def _write(path: Path, record: Mapping[str, Any]) -> None:
 
 
 def _line(checksum: str) -> str:
-    """The end of a record."""
     return f'"{_OWN}": "{checksum}"\n}}\n'
 
 
@@ -327,8 +314,6 @@ class Verified(Result):
 
     Parameters
     ----------
-    draw : callable, optional
-        Nothing is drawn.
     folder : Path
         The folder.
     files : int
@@ -395,10 +380,7 @@ def verify(folder: str | Path, *, progress: RunProgress | None = None) -> Verifi
     Examples
     --------
     >>> import isochrome
-    >>> scene = isochrome.load_scene("ring").with_values({
-    ...     "load.normal_n": 60.0, "camera.width_px": 128, "camera.height_px": 128,
-    ...     "camera.pixel_mm": 0.36, "camera.noise_grey": 1.0})
-    >>> found = isochrome.simulate(scene, "simulated")
+    >>> found = isochrome.simulate("ring", "simulated")
     >>> isochrome.verify("simulated").ok
     True
     """
@@ -444,11 +426,8 @@ def _records_below(place: Path) -> tuple[dict[Path, ResultsRecord], dict[str, st
 
 
 def opened_record(place: Path, names: Iterable[str] = ()) -> ResultsRecord | None:
-    """The record of results that are to be read: of all files the sizes are right.
-
-    Of `names` the content too. None where no command has left the folder; of older results nobody
-    can tell, which is said as a warning. Raises InputError.
-    """
+    """The record of results to be read, whose sizes, and of `names` the content, are right; or
+    None."""
     if (record := read_record(place)) is not None:
         record.check(names)
         if record.older:
@@ -457,10 +436,7 @@ def opened_record(place: Path, names: Iterable[str] = ()) -> ResultsRecord | Non
 
 
 def name_damage(place: Path) -> None:
-    """Refuse results by the file that is damaged, of which a library only knows that it is.
-
-    Raises InputError; does nothing where all is as it was left, or nobody knows.
-    """
+    """Refuse results by the file that is damaged, of which a library only knows that it is."""
     if (record := read_record(place)) is not None:
         record.check(record.sizes)
 

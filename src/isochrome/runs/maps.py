@@ -76,11 +76,6 @@ class RunArray(_OnePlace, xarray.DataArray):
 
     Of two maps pixels of one place are added, subtracted, compared; maps of other places are
     refused (InputError).
-
-    Parameters
-    ----------
-    data, coords, dims, name, attrs, indexes, fastpath : Any
-        As xarray.DataArray takes them.
     """
 
     __slots__ = ()
@@ -92,13 +87,7 @@ class RunArray(_OnePlace, xarray.DataArray):
 
 
 class RunDataset(_OnePlace, xarray.Dataset):
-    """What a run found: an xarray.Dataset of RunArrays, and as these of one place.
-
-    Parameters
-    ----------
-    data_vars, coords, attrs : Any
-        As xarray.Dataset takes them.
-    """
+    """What a run found: an xarray.Dataset of RunArrays, and as these of one place."""
 
     __slots__ = ()
 
@@ -108,17 +97,13 @@ class RunDataset(_OnePlace, xarray.Dataset):
 
 
 def _of_run(data: Any) -> Any:
-    """What xarray made of a run's arrays, as a run's."""
     if type(data) is xarray.Dataset:
         return RunDataset(dict(data.data_vars), dict(data.coords), data.attrs)
     return RunArray(data) if type(data) is xarray.DataArray else data
 
 
 def _refuse_other_places(one: Any, other: Any) -> None:
-    """Refuse two maps whose pixels show other places. Raises InputError.
-
-    A part of a map may be held against the whole: its pixels are found there, by their places.
-    """
+    """Refuse two maps whose pixels show other places; a part may be held against the whole."""
     if one is other or not isinstance(other, xarray.DataArray | xarray.Dataset):
         return
     wide = [set(each.sizes) for each in (one, other)]

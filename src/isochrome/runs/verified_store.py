@@ -16,11 +16,7 @@ from isochrome.runs.integrity import MISSING, ResultsRecord
 
 
 class VerifiedStore(LocalStore):
-    """A store that is read alone, and holds what is read against the record of its results.
-
-    What the record does not have is not there. `root`, the store; `record` of its folder. Reading
-    raises InputError where a file is not what was left.
-    """
+    """A store that is read alone, and holds what is read against the record of its results."""
 
     def __init__(self, root: Path, record: ResultsRecord) -> None:
         super().__init__(root, read_only=True)
@@ -58,7 +54,6 @@ class VerifiedStore(LocalStore):
         return self._there(key, super().get_sync(key, prototype=prototype, byte_range=byte_range))
 
     def _file(self, key: str) -> Buffer | None:
-        """All of a file, verified."""
         if key not in self._known:
             return None
         return cpu.Buffer(self._record.read(self._name(key)))

@@ -1,12 +1,8 @@
 """Who computes the chunks: this process, worker processes on this machine, or a Dask cluster.
 
-All through the standard executor interface (concurrent.futures); the results are the same.
-
-Memory that is free again goes back to the system, in a long run as in a short one.
-
-Of the GNU C library, which keeps what is freed: without this, what is left of one chunk lies
-between the pieces of the next, and a long run takes more than a short one. The memory of other
-systems' libraries shrinks by itself, or cannot be asked to. Source: mallopt(3), malloc_trim(3).
+All through the standard executor interface; the results are the same. The GNU C library keeps what
+is freed: what is left of one chunk lies between the pieces of the next, and a long run would take
+more memory than a short one, so it is told to give it back. Source: mallopt(3), malloc_trim(3).
 """
 
 from __future__ import annotations
@@ -22,7 +18,6 @@ import threading
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from functools import cache
-from pathlib import Path
 from typing import Any, TypeVar
 
 from isochrome.errors import InputError
@@ -53,7 +48,6 @@ def trim_heap() -> None:
 
 @cache
 def _gnu() -> ctypes.CDLL | None:
-    """The GNU C library, None where there is another."""
     if not sys.platform.startswith("linux"):
         return None
     library = ctypes.CDLL(None)
@@ -72,21 +66,12 @@ class NoCluster(InputError):
     """The Dask cluster cannot be had, whatever is to be computed on it."""
 
 
-def alone(work: Work, run: RunFolder, chunks: Sequence[int]) -> Generator[Finished]:
-    """Compute chunks here, while the one before is written; each index with what was kept."""
-    with futures.ThreadPoolExecutor(1) as writer, single_threaded():
-        writing: tuple[int, futures.Future[ChunkRecord]] | None = None
-        for index in chunks:
-            try:
-                results = work(*run.layout.span(index))
-            finally:
-                if writing is not None:  # it is finished, whatever became of this one
-                    yield writing[0], writing[1].result()
-            writing = index, writer.submit(keep, run, index, results)
-            del results  # written, it is let go, while the next is computed
-            trim_heap()
-        if writing is not None:
-            yield writing[0], writing[1].result()
+def compute(work: Work, run: RunFolder, index: int) -> ChunkRecord:
+    """Compute a chunk and put it down; what is kept of it."""
+    with single_threaded():
+        record = keep(run, index, work(*run.layout.span(index)))
+    trim_heap()
+    return record
 
 
 def by_processes(
@@ -97,11 +82,10 @@ def by_processes(
     Yields in the order of completion. Raises WorkersLost where a worker was killed.
     """
     # once for all chunks, as it may know all frames' places; here it can be said that it fails
-    task = run.root / "task"
-    task.write_bytes(pickle.dumps((work, run)))
+    task = pickle.dumps((work, run))
     with pool:
         yield from in_flight(
-            lambda index: pool.submit(_alone_in_worker, task, index), chunks, 2 * pool.workers
+            lambda index: pool.submit(_in_worker, task, index), chunks, 2 * pool.workers
         )
 
 
@@ -134,11 +118,20 @@ def by_cluster(
 ) -> Generator[Finished]:
     """Compute chunks on an existing Dask cluster; the results come here and are written here.
 
-    The workers need the input under the same paths, and the same versions of all that computes; the
-    output they do not see. A chunk whose worker dies is given to another. Yields in the order of
-    completion. Raises InputError where the cluster cannot be reached.
+    The workers need the input under the same paths, and the same versions of all that computes. A
+    chunk whose worker dies is given to another. Yields in the order of completion.
     """
-    with _client(address) as client:
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise NoCluster("cluster_needs_package_distributed") from error
+    try:
+        client = Client(address, timeout="10s", set_as_default=False)
+    except (OSError, ValueError, TimeoutError) as error:
+        raise NoCluster("cluster_no_dask_scheduler", address=address, error=error) from error
+    with client:
+        if not client.nthreads():
+            raise NoCluster("cluster_cluster_has_no", address=address)
         executor = client.get_executor(pure=False)
         everywhere = client.scatter(work, broadcast=True)
         ahead = 2 * max(1, sum(client.nthreads().values()))
@@ -162,10 +155,7 @@ def processors() -> int:
 def in_flight(
     submit: Callable[[int], futures.Future[T]], items: Sequence[int], ahead: int
 ) -> Iterator[tuple[int, T]]:
-    """Keep a few items submitted, so that memory does not grow with their number.
-
-    `ahead` are submitted at a time. Yields each index with its result, in the order of completion.
-    """
+    """Keep `ahead` items submitted; yields each with its result, in the order of completion."""
     waiting: dict[futures.Future[T], int] = {}
     todo = iter(items)
     while True:
@@ -182,30 +172,26 @@ def in_flight(
 
 def _start_worker() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends its workers itself
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+    def end_with_parent() -> None:
+        """Without this, workers of a killed parent would wait for work for ever."""
+        if (parent := multiprocessing.parent_process()) is not None:
+            parent.join()
+        os._exit(1)
+
+    threading.Thread(target=end_with_parent, daemon=True).start()
     keep_steady()
 
 
-def _end_with_parent() -> None:
-    """Without this, workers of a killed parent would wait for work for ever."""
-    if (parent := multiprocessing.parent_process()) is not None:
-        parent.join()
-    os._exit(1)
-
-
 @cache
-def _task(file: Path) -> tuple[Work, RunFolder]:
-    """What a worker process computes, as `by_processes` has left it for all of them."""
-    task: tuple[Work, RunFolder] = pickle.loads(file.read_bytes())
-    return task
+def _task(task: bytes) -> tuple[Work, RunFolder]:
+    """What a worker process computes, the same in all calls."""
+    both: tuple[Work, RunFolder] = pickle.loads(task)
+    return both
 
 
-def _alone_in_worker(task: Path, index: int) -> ChunkRecord:
-    work, run = _task(task)
-    with single_threaded():
-        record = keep(run, index, work(*run.layout.span(index)))
-    trim_heap()
-    return record
+def _in_worker(task: bytes, index: int) -> ChunkRecord:
+    return compute(*_task(task), index)
 
 
 def _elsewhere(work: Work, span: tuple[int, int], expected: dict[str, Any]) -> Results:
@@ -219,23 +205,6 @@ def _elsewhere(work: Work, span: tuple[int, int], expected: dict[str, Any]) -> R
         )  # fmt: skip
     with single_threaded():
         return work(*span)
-
-
-@contextmanager
-def _client(address: str) -> Iterator[Any]:
-    """A Dask client. Raises NoCluster where it is not installed, or nobody answers."""
-    try:
-        from distributed import Client
-    except ImportError as error:
-        raise NoCluster("cluster_needs_package_distributed") from error
-    try:
-        client = Client(address, timeout="10s", set_as_default=False)
-    except (OSError, ValueError, TimeoutError) as error:
-        raise NoCluster("cluster_no_dask_scheduler", address=address, error=error) from error
-    with client:
-        if not client.nthreads():
-            raise NoCluster("cluster_cluster_has_no", address=address)
-        yield client
 
 
 @contextmanager

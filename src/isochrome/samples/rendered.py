@@ -1,16 +1,7 @@
-"""What a sample goes through from fringe order to file: pixels of finite size, and a poor camera.
+"""What the samples are rendered of, from fringe order to file, with pixels of finite size.
 
 A pixel is the mean of several points in it, so that the samples do not share the first-order
 expression for a pixel's area with the model that is fitted to them.
-
-The sample of the main job: the paper's six states as a camera might have captured them.
-
-The sample of a film: a sliding contact that wears while its load swings, a frame a second.
-
-The samples of calibrations: a beam in four-point bending seen a little tilted, at four loads; a
-disc under three diametral loads, not in the middle.
-
-The sample of a wear test: traces across the scars of the true contact, and its friction.
 """
 
 import tomllib
@@ -58,7 +49,7 @@ class Sensor:
     """A camera's own faults, the same in all its frames.
 
     `dead`, `hot` (n, 2), (row, col) of pixels that read 0 or 255; `glare` (row, col, radius) of a
-    lamp's reflection, in pixels, or None; `camera`, all that is not the pixels' own.
+    lamp's reflection, in pixels, or None.
     """
 
     dead: NDArray[np.int64]
@@ -112,10 +103,8 @@ def finer(scene: Scene, factor: int) -> Scene:
 
 
 def dark_field(order: Array) -> Array:
-    """The ideal dark-field signal of pixels, each the mean of its points.
-
-    `order` N at the points is NaN where there is no specimen and so no light.
-    """
+    """The ideal dark-field signal of pixels, each the mean of its points; NaN: no specimen, no
+    light."""
     known = np.isfinite(order)
     visibility, _ = pixel_visibility(order)
     chain = make_chain(Polariscope(field="dark"))
@@ -219,7 +208,6 @@ def fine_order(scene: Scene, state: SceneState, points: int) -> Array:
 
 
 def _order(scene: Scene, difference: StressDifference) -> Array:
-    """Fringe order of a stress difference, MPa, in a scene's specimen."""
     names = ("thickness_mm", "fringe_value_n_per_mm")
     return fringe_order(difference, **{n: scene.get(f"specimen.{n}") for n in names})
 
@@ -230,6 +218,8 @@ FILM = "film.avi"
 
 def render_film(folder: Path, seed: int) -> None:
     """Write the film, its no-load frames, its scene and its truth to a folder."""
+    import cv2
+
     truth = true_film(parse_scene(sample_text("film-scene.toml"), name="film"))
     shape = truth.get("camera.height_px"), truth.get("camera.width_px")
     given = TRUTH["film"]
@@ -239,7 +229,14 @@ def render_film(folder: Path, seed: int) -> None:
     for i, state in enumerate(scene_states(truth)):
         order = fine_order(truth, state, _POINTS)
         frames.append(sensor.picture(order, [seed, 41, i]))
-    _write_film(folder / FILM, frames, given["frames_per_s"])
+    # uncompressed: OpenCV reads that by itself, and hides no damage
+    codec, size = cv2.VideoWriter.fourcc(*"Y800"), (shape[1], shape[0])
+    film = cv2.VideoWriter(str(folder / FILM), codec, given["frames_per_s"], size, isColor=False)
+    if not film.isOpened():
+        raise InputError("cannot_opened_film_opencv", path=folder / FILM)
+    for frame in frames:
+        film.write(frame)
+    film.release()
     _write_no_load(folder, np.isfinite(order), sensor, (seed, 42), truth.get("camera.pixel_mm"))
     write_text(folder / "scene.toml", sample_text("film-scene.toml"))
     load, friction = truth.get("load.normal_n"), truth.get("friction.coefficient")
@@ -274,20 +271,6 @@ def true_film(nominal: Scene) -> Scene:
     )
 
 
-def _write_film(path: Path, frames: list[Grey], frames_per_s: float) -> None:
-    """Write frames as they are, uncompressed: OpenCV reads that by itself, and hides no damage."""
-    import cv2
-
-    rows, cols = frames[0].shape
-    codec = cv2.VideoWriter.fourcc(*"Y800")
-    film = cv2.VideoWriter(str(path), codec, frames_per_s, (cols, rows), isColor=False)
-    if not film.isOpened():
-        raise InputError("cannot_opened_film_opencv", path=path)
-    for frame in frames:
-        film.write(frame)
-    film.release()
-
-
 def render_bending(folder: Path, seed: int) -> None:
     """Write the images, the calibration set and the truth to a folder."""
     text = sample_text("bending-set.toml")
@@ -302,10 +285,8 @@ def render_bending(folder: Path, seed: int) -> None:
 
 
 def true_order(load_n: float, beam: dict[str, float], pixel_mm: float) -> Array:
-    """Fringe order at the points of every pixel.
-
-    NaN outside the beam, whose sizes are those of the set.
-    """
+    """Fringe order at the points of every pixel; NaN outside the beam, whose sizes are the
+    set's."""
     shape = RENDERING["bending_shape"]
     row, col = ((np.arange(n * _POINTS) + 0.5) / _POINTS - 0.5 for n in shape)
     given = TRUTH["bending"]

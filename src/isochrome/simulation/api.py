@@ -166,7 +166,7 @@ def _frames(folder: Path, scene: Scene, history: Mapping[str, Sequence[Any]]) ->
     colours = (3,) if camera is not None and camera.colour else ()
     stored = _stack(folder / FRAMES, (len(largest) * steps, *size, *colours))
     orders = _stack(folder / ORDER, (len(largest), *size))
-    images = [np.array(stored[one.number * steps], np.float32) for one in chosen]
+    images = [np.array(stored[k * steps], np.float32) for k in chosen]
     if colours:
         images = [image.mean(axis=2) for image in images]
     light = (0.0, max(float(image.max()) for image in images))
@@ -174,13 +174,13 @@ def _frames(folder: Path, scene: Scene, history: Mapping[str, Sequence[Any]]) ->
     notes = ["the first of its phase steps is shown"] if steps > 1 else []
     notes += ["the mean of its three colours is shown"] if colours else []
     frames = []
-    for one, image in zip(chosen, images, strict=True):
-        order = np.array(orders[one.number])
+    for (number, why), image in zip(chosen.items(), images, strict=True):
+        order = np.array(orders[number])
         frames.append(
             ReportFrame(
-                number=one.number,
-                label=str(history["label"][one.number]),
-                why=one.why,
+                number=number,
+                label=str(history["label"][number]),
+                why=why,
                 panes=(
                     Pane("rendered", "rendered frame", image, light, GREY_LEVELS),
                     Pane("order", "fringe order N", order, span, FRINGES),

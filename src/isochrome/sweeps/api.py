@@ -118,8 +118,6 @@ class Swept(Result):
         Values of each key that was varied, in the unit that the key names.
     reasons : tuple of str
         Why points failed, each reason once.
-    draw : callable, optional
-        Not used: the figure is made of the table.
     """
 
     out: Path
@@ -251,10 +249,7 @@ def sweep(
     Examples
     --------
     >>> import isochrome
-    >>> scene = isochrome.load_scene("ring").with_values({
-    ...     "load.normal_n": 60.0, "camera.width_px": 128, "camera.height_px": 128,
-    ...     "camera.pixel_mm": 0.36, "camera.noise_grey": 1.0})
-    >>> found = isochrome.sweep(scene, ["load.normal_n=60,80"], "loads")
+    >>> found = isochrome.sweep("ring", ["load.normal_n=60,80"], "loads")
     >>> found.points, found.failed
     (2, 0)
     >>> with isochrome.open_run("loads") as run:
@@ -263,7 +258,21 @@ def sweep(
     """
     scene = load_scene(scene)
     grid = make_grid(scene, vary)
-    layout = _layout(grid)
+    # the dataset's form is the same at all points
+    first = grid.scene_at(0)
+    if not first.has_model or first.camera is None:
+        raise InputError("sweep_needs_model_camera", name=first.name)
+    forms = {
+        (state_count(point), pixels.rows, pixels.cols, point.polariscope.step_numbers)
+        for point in map(grid.scene_at, range(math.prod(grid.counts.values())))
+        for pixels in [pixel_grid(point)]
+    }
+    if len(forms) > 1:
+        raise InputError("vary_changes_number_states", values=", ".join(grid.values))
+    ((states, rows_, cols, steps),) = forms
+    layers = (ORDER, GREY) if steps == (None,) and not first.camera.colour else (ORDER,)
+    shape = {"state": states, "row": rows_, "col": cols}
+    layout = runs.RunLayout(axes=grid.counts, shape=shape, layers=layers, chunk=1)
     seed = scene.camera.seed if scene.camera else None
     axes = {key: list(values) for key, values in grid.values.items()}
     identity = runs.run_identity(dump_scene(scene), scene.files(of_frames=False), axes, seed)
@@ -275,32 +284,17 @@ def sweep(
     return Swept(Path(out), layout.count, len(reasons), grid.values, tuple(dict.fromkeys(reasons)))
 
 
-def _layout(grid: SweepGrid) -> runs.RunLayout:
-    """The dataset's form, the same at all points. Raises InputError where it is not."""
-    count = int(np.prod(list(grid.counts.values())))
-    first = grid.scene_at(0)
-    if not first.has_model or first.camera is None:
-        raise InputError("sweep_needs_model_camera", name=first.name)
-    forms = {
-        (state_count(scene), pixels.rows, pixels.cols, scene.polariscope.step_numbers)
-        for scene in map(grid.scene_at, range(count))
-        for pixels in [pixel_grid(scene)]
-    }
-    if len(forms) > 1:
-        raise InputError("vary_changes_number_states", values=", ".join(grid.values))
-    ((states, rows_, cols, steps),) = forms
-    plain = steps == (None,) and not first.camera.colour
-    layers = (ORDER, GREY) if plain else (ORDER,)
-    shape = {"state": states, "row": rows_, "col": cols}
-    return runs.RunLayout(axes=grid.counts, shape=shape, layers=layers, chunk=1)
-
-
 def _finish(run_folder: runs.RunFolder, job: runs.Job, grid: SweepGrid) -> None:
-    """Make the files that need all points, from what is kept of them in the `run_folder`.
-
-    Raises PhysicsError where every point was refused, OSError.
-    """
-    table = _table(run_folder, grid)
+    """Make the files that need all points, from what is kept of them in the `run_folder`."""
+    # a row for each state of each point: the varied keys, and the columns of history.csv
+    table = columns_of(
+        grid.point(index)
+        | {"state": state, "status": more["status"], "reason": row["reason"]}
+        | {name: values[state] for name, values in row["history"].items() if name != "state"}
+        for index, (row, more) in enumerate(runs.rows(run_folder))
+        for state in range(run_folder.layout.shape["state"])
+    )
+    table["reason"] = table.pop("reason")  # the last
     if set(table["status"]) == {"failed"}:
         raise PhysicsError(
             "all_points_refused", count=run_folder.layout.count, reason=table["reason"][0]
@@ -327,18 +321,6 @@ def _finish(run_folder: runs.RunFolder, job: runs.Job, grid: SweepGrid) -> None:
     runs.add_columns(
         run_folder.results / runs.STORE, columns, coordinates, runs.attributes(job.identity)
     )
-
-
-def _table(run_folder: runs.RunFolder, grid: SweepGrid) -> dict[str, list[Any]]:
-    """A row for each state of each point: the varied keys, and the columns of history.csv."""
-    table = columns_of(
-        grid.point(index)
-        | {"state": state, "status": more["status"], "reason": row["reason"]}
-        | {name: values[state] for name, values in row["history"].items() if name != "state"}
-        for index, (row, more) in enumerate(runs.rows(run_folder))
-        for state in range(run_folder.layout.shape["state"])
-    )
-    return table | {"reason": table.pop("reason")}  # the last
 
 
 DRAWN = {"n_max": "largest fringe order", "p_max_mpa": "largest pressure (MPa)"}
