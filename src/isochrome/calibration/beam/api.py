@@ -251,7 +251,7 @@ def _check(best: SetFit, alike: Sequence[SetFit], seen_px: float) -> None:
     """Refuse an image that does not tell its slope."""
     name = best.model.shots[0].name
     slope, spread = float(best.values[0]), float(np.sqrt(best.covariance[0, 0]))
-    if np.std(best.point.amplitude(0) * best.point.signals[0]) < FAINTEST:
+    if np.std(best.point.gain(0) * best.point.signals[0]) < FAINTEST:
         raise PhysicsError("too_few_fringes_too", name=name)
     if best.explained and (slope * seen_px < FEWEST_FRINGES or spread > 0.2 * slope):
         raise PhysicsError("fringes_view_too_few", name=name, seen_px=slope * seen_px)
