@@ -85,7 +85,7 @@ def fit_set(model: SetModel, unknowns: Array, besides: Array | None = None) -> S
         assert point is not None
         model = replace(model, free=(EXPOSURES, *model.free))
         start = point.model.carried(start, model)
-        bright = np.abs(_brightness(point)[: model.loaded])
+        bright = np.abs(point.brightness[: model.loaded])
         start[model.places[EXPOSURES][: model.loaded - 1]] = np.log(bright[1:] / bright[0])
     fit = model.fit(start)
     if not fit.explained:
@@ -184,8 +184,8 @@ def alike_fits(fits: Sequence[SetFit]) -> tuple[list[SetFit], list[SetFit]]:
 
 def _lights(fit: SetFit) -> tuple[Unevenness, ...]:
     """The ways in which a set's light may be uneven: as one of them it is fitted."""
-    bright = float(_brightness(fit.point).mean())
-    now = fit.model.uneven or Unevenness(bright, 0.0, FIRST_DEGREES)
+    bright = fit.point.brightness.mean()
+    now = fit.model.uneven or Unevenness(float(bright), 0.0, FIRST_DEGREES)
     return tuple(now._replace(fall=fall) for fall in LIGHT_FALLS)
 
 
@@ -261,9 +261,16 @@ def _nuisances(fit: SetFit) -> Iterator[Nuisance]:
             weights=model.prior[places],
         )
     yield _light(fit)
+
+    def by_waves(index: int) -> Array:
+        """By a share of each place's own order, as products of cosines."""
+        order, slope = point.by_order(index)
+        mask = model.images[index].mask
+        return np.asarray(cosines(mask.shape, _COSINES)[1:, mask] * (slope * order))
+
     yield Nuisance(
         name=ORDER,
-        columns=partial(_order_columns, fit),
+        columns=by_waves,
         now=np.zeros(_COSINES**2 - 1),
         # Gaussian processes on their cosines; the even one left out is the fringe value itself
         roots=tuple(np.diag(cosine_spread(_COSINES, width)[1:]) for width in WIDTHS),
@@ -286,82 +293,46 @@ def _light(fit: SetFit) -> Nuisance:
     )
 
 
-def _brightness(point: SetPoint) -> Array:
-    """Mean illumination (m,) of the images, without their exposures."""
-    own = [float(np.mean(illumination)) for illumination, _ in point.light]
-    return np.array(own) if point.model.apart else np.full(len(own), float(np.mean(own)))
-
-
-def _order_columns(fit: SetFit, index: int) -> Array:
-    """By an order that no cause explains, a share of each place's own, as products of cosines."""
-    model = fit.model
-    order, slope = fit.point.by_order(index)
-    mask = model.images[index].mask
-    waves = cosines(mask.shape, _COSINES)[1:, mask]
-    return np.asarray(waves * (slope * order))
-
-
 NAMES = {key: cause.name for cause in CAUSES for key in cause.keys}
 """What a scene's keys are the causes of."""
 
 
-def set_image(
-    fit: SetFit, index: int, order: float, spread: float, geometry: dict[str, float], **cut: Any
-) -> ImageFit:
-    """The result of one image, with its maps on the fit's pixels, NaN outside.
+def set_images(
+    fit: SetFit,
+    orders: Array,
+    by_values: Array,
+    geometries: Iterable[dict[str, float]],
+    cuts: Iterable[dict[str, Any]],
+) -> tuple[list[ImageFit], Array]:
+    """The loaded images' results, with maps on the fit's pixels, and their orders' covariance.
 
-    `order` with its standard uncertainty; `cut`, what `View` has of it.
+    `orders` (m,) with their derivatives (m, p) by the unknowns; what `View` has of each one's cut.
     """
-    model, point, shot = fit.model, fit.point, fit.model.shots[index]
-    pixels, image = model.images[index], shot.light[np.ix_(model.rows, model.cols)]
-    weighted = point.residuals[index]
-    residual, orders = np.full((2, *pixels.mask.shape), np.nan)
-    residual[pixels.mask] = weighted * pixels.sigma
-    orders[pixels.mask] = np.abs(point.orders[index][0])
-    freedom = max(1.0, weighted.size - point.unknowns / len(model.shots))
-    return ImageFit(
-        file=shot.name, load_n=shot.load_n, order=order, standard_uncertainty=spread,
-        chi=float(np.sqrt(weighted @ weighted / freedom)), geometry=geometry,
-        view=View(
-            image=image, model=image - residual, residual=residual, order=orders,
+    model, point, images = fit.model, fit.point, []
+    covariance = by_values @ fit.covariance @ by_values.T
+    for i, (order, geometry, cut) in enumerate(zip(orders, geometries, cuts, strict=True)):
+        shot, pixels, weighted = model.shots[i], model.images[i], point.residuals[i]
+        light = shot.light[np.ix_(model.rows, model.cols)]
+        residual, shown = np.full((2, *pixels.mask.shape), np.nan)
+        residual[pixels.mask] = weighted * pixels.sigma
+        shown[pixels.mask] = np.abs(point.orders[i][0])
+        freedom = max(1.0, weighted.size - point.unknowns / len(model.shots))
+        view = View(
+            image=light, model=light - residual, residual=residual, order=shown,
             sigma=float(np.median(shot.sigma)), **cut,
-        ),
-    )  # fmt: skip
-
-
-def causes(fit: SetFit, wavelength_nm: float | None) -> tuple[dict[str, Any], ...]:
-    """What was freed: key, value and standard uncertainty as a scene states them.
-
-    A band's width needs the `wavelength_nm`; without, it is a share of it, and has no key.
-    """
-    result = []
-    for key, (value, spread) in fit.shared.items():
-        name: str | None = key
-        if key in EVEN:
-            value, spread = float(np.sqrt(value)), 0.5 * spread / float(np.sqrt(value))
-        if key == BAND:
-            share = (wavelength_nm or 1.0) / GREEN_NM
-            value, spread = share * value, share * spread
-            name = key if wavelength_nm else None
-        result.append(
-            {"key": name, "cause": NAMES[key], "value": value, "standard_uncertainty": spread}
-        )
-    return tuple(result)
+        )  # fmt: skip
+        images.append(
+            ImageFit(
+                file=shot.name, load_n=shot.load_n, order=float(order),
+                standard_uncertainty=float(np.sqrt(covariance[i, i])),
+                chi=float(np.sqrt(weighted @ weighted / freedom)), geometry=geometry, view=view,
+            )
+        )  # fmt: skip
+    return images, covariance
 
 
 def cause_sentence(cause: Mapping[str, Any]) -> str:
-    """Say of a cause that a calibration found and used what it is, and where a set states it.
-
-    Parameters
-    ----------
-    cause : mapping
-        One of `Calibration.causes`.
-
-    Returns
-    -------
-    str
-        As it stands in the calibration's warnings.
-    """
+    """What one of `Calibration.causes` is, and where a set states it, as its warnings say."""
     value = with_uncertainty(cause["value"], cause["standard_uncertainty"])
     if cause["key"] == GAMMA:
         return message("grey_levels_not_linear", with_uncertainty=value)
@@ -372,7 +343,7 @@ def cause_sentence(cause: Mapping[str, Any]) -> str:
     return message("wavelength_full_width_half", cause=cause["cause"], value=value)
 
 
-def sentences(fit: SetFit, found: tuple[dict[str, Any], ...]) -> Iterator[str]:
+def sentences(fit: SetFit, found: Sequence[dict[str, Any]]) -> Iterator[str]:
     """What was found and used, a sentence each."""
     yield from map(cause_sentence, found)
     if fit.model.uneven:
@@ -411,12 +382,23 @@ def calibration_of(
     known = given.uncertainty
     load = Input("load", known.load_percent, "%", 0.01)
     thickness = Input("thickness", known.thickness_mm, "mm", 0.0)
-    freed = causes(fit, given.polariscope.wavelength_nm) if fit else ()
+    freed, wavelength_nm = list[dict[str, Any]](), given.polariscope.wavelength_nm
+    for key, (value, spread) in (fit.shared if fit else {}).items():
+        name: str | None = key
+        if key in EVEN:
+            value, spread = float(np.sqrt(value)), 0.5 * spread / float(np.sqrt(value))
+        if key == BAND:  # without a wavelength it is a share of it, and has no key
+            share = (wavelength_nm or 1.0) / GREEN_NM
+            value, spread = share * value, share * spread
+            name = key if wavelength_nm else None
+        freed.append(
+            {"key": name, "cause": NAMES[key], "value": value, "standard_uncertainty": spread}
+        )
     result = uncertainty_budget(
         specimen, images, factor_n2_per_mm, (load, *inputs, thickness),
         messages=(*(sentences(fit, freed) if fit else ()), *messages), **orders,
     )  # fmt: skip
-    return widened_to_held_out(replace(result, residual=residual, causes=freed))
+    return widened_to_held_out(replace(result, residual=residual, causes=tuple(freed)))
 
 
 def stated_values(given: CalibrationSet) -> dict[str, float]:

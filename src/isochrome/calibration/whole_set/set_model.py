@@ -71,7 +71,7 @@ _ENOUGH = 1e-3
 """Fall of chi-square, in units of the noise that is left, below which a step is the last."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class SetImage:
     """An image's fitted pixels (n,): places, light, noise, and the `level` of light without noise.
 
@@ -84,23 +84,6 @@ class SetImage:
     light: Array
     sigma: Array
     level: Array
-
-    @classmethod
-    def of(
-        cls, shot: Shot, pick: tuple[NDArray[np.intp], ...], mask: Mask, level: Array | None
-    ) -> SetImage:
-        """The pixels of a shot at an index, where a mask says.
-
-        `level` (R, C) is the light without noise; by default a mean of the pixels near.
-        """
-        from scipy.ndimage import gaussian_filter
-
-        rows, cols = (np.broadcast_to(p, mask.shape)[mask].astype(float) for p in pick)
-        light, sigma = (m[pick][mask].astype(float) for m in (shot.light, shot.sigma))
-        if level is None:
-            level = gaussian_filter(shot.light, LEVEL_PX)[pick]
-        near = np.maximum(level[mask].astype(float), sigma)
-        return cls(mask=mask, rows=rows, cols=cols, light=light, sigma=sigma, level=near)
 
     def toned(self, gamma: float) -> Array:
         """Light over noise with another exponent g, (L^g + g L^(g-1) (I - L))/(g L^(g-1) σ)."""
@@ -168,12 +151,21 @@ class SetModel:
 
     @cached_property
     def images(self) -> tuple[SetImage, ...]:
-        """The images' pixels."""
-        pick = np.ix_(self.rows, self.cols)
-        return tuple(
-            SetImage.of(shot, pick, mask, None if self.levels is None else self.levels[i])
-            for i, (shot, mask) in enumerate(zip(self.shots, self.masks, strict=True))
-        )
+        """The images' pixels; by default a mean of the pixels near is the light without noise."""
+        from scipy.ndimage import gaussian_filter
+
+        pick, images = np.ix_(self.rows, self.cols), []
+        for i, (shot, mask) in enumerate(zip(self.shots, self.masks, strict=True)):
+            rows, cols = (np.broadcast_to(p, mask.shape)[mask].astype(float) for p in pick)
+            light, sigma = (m[pick][mask].astype(float) for m in (shot.light, shot.sigma))
+            near = (
+                gaussian_filter(shot.light, LEVEL_PX)[pick]
+                if self.levels is None
+                else self.levels[i]
+            )
+            level = np.maximum(near[mask].astype(float), sigma)
+            images.append(SetImage(mask, rows, cols, light, sigma, level))
+        return tuple(images)
 
     @cached_property
     def lamp(self) -> LightModel:
@@ -416,6 +408,11 @@ class SetPoint:
             at, own = self.model.coefficients_of(i)
             light.append(pixels.of(np.bincount(own, self.solved[0][at]), np.float64))
         return tuple(light)
+
+    @property
+    def brightness(self) -> Array:
+        """Mean illumination (m,) of each image, before its exposure."""
+        return np.array([float(np.mean(illumination)) for illumination, _ in self.light])
 
     def modelled(self, index: int) -> Array:
         """An image's light over its noise, by the model (n,)."""
