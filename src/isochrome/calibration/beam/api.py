@@ -265,6 +265,23 @@ BENT = 0.02
 """Change of the slope along the span, to either side, that is no pure bending."""
 
 
+def fit_beam_set(fits: Sequence[SetFit], idle: Sequence[Shot], held: dict[str, float]) -> SetFit:
+    """The set with what it shows: each loaded image's own fit, and the unloaded ones; `held`, what
+    the set states of the camera, by its keys.
+    """
+    first = fits[0].model
+    step = max(1, int(np.count_nonzero(first.masks) / PIXELS))
+    cols = first.cols[::step]
+    masks = [fit.model.masks[0][:, ::step] for fit in fits]
+    common = np.logical_and.reduce(masks)
+    masks += [common & shot.valid[:, cols] for shot in idle]
+    model = replace(
+        first, shots=[*(fit.model.shots[0] for fit in fits), *idle], cols=cols,
+        masks=np.stack(masks), held=held, uneven=None,
+    )  # fmt: skip
+    return fit_set(model, np.array([fit.values for fit in fits]))
+
+
 def beam_kind(view: BeamView, width: int) -> Kind:
     """A beam's order by slope (fringe/px), row of N = 0 and tilt, see `beam_order`.
 
@@ -414,17 +431,7 @@ def bending_from_shots(shots: Sequence[Shot], given: CalibrationSet) -> Calibrat
     idle = [shot for shot in shots if not shot.load_n]
     height_px = beam.height_mm / pixel_mm
     views, fits = zip(*(fit_beam(s, height_px) for s in shots if s.load_n), strict=True)
-    first = fits[0].model
-    step = max(1, int(np.count_nonzero(first.masks) / PIXELS))
-    cols = first.cols[::step]
-    masks = [fit.model.masks[0][:, ::step] for fit in fits]
-    common = np.logical_and.reduce(masks)
-    masks += [common & shot.valid[:, cols] for shot in idle]
-    model = replace(
-        first, shots=[*(shot for shot in shots if shot.load_n), *idle], cols=cols,
-        masks=np.stack(masks), held=stated_values(given), uneven=None,
-    )  # fmt: skip
-    set_fit = fit_set(model, np.array([fit.values for fit in fits]))
+    set_fit = fit_beam_set(fits, idle, stated_values(given))
     change = check_span(set_fit)
     images, covariance, unloaded = beam_images(set_fit, views, pixel_mm)
     messages = [message("moment_changes_along_beam", change=100.0 * change)] if change else []

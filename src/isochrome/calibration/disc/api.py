@@ -31,6 +31,7 @@ from isochrome.calibration.disc.disc_field import (
     Circle,
     Complexes,
     DiscPixels,
+    Scan,
     choose_centre_orders,
     disc_geometry,
     disc_mask,
@@ -173,6 +174,23 @@ RESIDUAL_LOADS = 3
 
 MOST_FRINGES, MOST_RADII = 0.3, 0.03
 """Largest moves of an image's own unknowns in one step; of the angle as much in rad."""
+
+
+def fit_disc_set(images: Sequence[Shot], unknowns: Array, held: dict[str, float]) -> SetFit:
+    """The set with what it shows, from a start with residual stress where it asks for one.
+
+    Parameters: `images`, the loaded ones (m) first, whose `unknowns` (m, 5) are a start; `held`,
+    what the set states of the camera, by its keys.
+    """
+    fit = fit_set(disc_model(images, unknowns, held), unknowns)
+    if not len(fit.model.kind.sizes) or (fit.explained and fit.chi < ALIKE_CHI):
+        return fit
+    start = stressed_start(images, unknowns)
+    if start is None:
+        return fit
+    places, residual = start
+    stressed = fit_set(disc_model(images, places, held), places, residual)
+    return stressed if stressed.chi < fit.chi else fit
 
 
 def disc_model(
@@ -381,6 +399,13 @@ def disc_from_shots(shots: Sequence[Shot], given: CalibrationSet) -> Calibration
     )  # fmt: skip
 
 
+def check_scans(scans: Sequence[Scan], shots: Sequence[Shot]) -> None:
+    """Refuse loads that contradict the orders of the images' own scans (n,), if clear."""
+    if all((scan.curve.min() / scan.smooth_chi) ** 2 < 1.0 - EXPLAINED for scan in scans):
+        alone = choose_centre_orders(scans, [0.0] * len(scans))
+        check_order([shot.load_n for shot in shots], alone, tuple(shot.name for shot in shots))
+
+
 def _found(
     loaded: Sequence[Shot], idle: Sequence[Shot], diameter_mm: float, held: dict[str, float]
 ) -> tuple[Sequence[ImageFit], Array | None, SetFit | None]:
@@ -396,21 +421,12 @@ def _found(
         unknowns = [fit_disc(s, start) for s, start in zip(loaded, starts, strict=True)]
     except PhysicsError as error:  # which residual stress may explain
         unknowns, refused = [start[0] for start in starts], error
-    images, own = [*loaded, *idle], np.array(unknowns)
-    set_fit = fit_set(disc_model(images, own, held), own)
-    asks = len(set_fit.model.kind.sizes) and not (set_fit.explained and set_fit.chi < ALIKE_CHI)
-    start = stressed_start(images, own) if asks else None
-    if start is not None:
-        places, residual = start
-        stressed = fit_set(disc_model(images, places, held), places, residual)
-        set_fit = stressed if stressed.chi < set_fit.chi else set_fit
+    set_fit = fit_disc_set([*loaded, *idle], np.array(unknowns), held)
     if refused is not None and not (RESIDUAL in set_fit.model.free and set_fit.explained):
         overlaid = overlay(loaded, circles)
         rise = rise_with_load(overlaid)
         if rise is None or not rise.clear:
-            if all((scan.curve.min() / scan.smooth_chi) ** 2 < 1.0 - EXPLAINED for scan in scans):
-                alone = choose_centre_orders(scans, [0.0] * len(scans))  # each by its own scan
-                check_order([s.load_n for s in loaded], alone, tuple(s.name for s in loaded))
+            check_scans(scans, loaded)
             raise refused
         return fit_rise(loaded, circles, overlaid, rise, diameter_mm), None, None
     return *disc_images(set_fit, [c.radius for c in circles], diameter_mm), set_fit
