@@ -1,19 +1,14 @@
-"""One image of a beam in bending: the whole span by least squares on its intensities.
-
-All images of a beam in the model of a whole set: see `calibration.whole_set`. The fringes alone
-cannot tell a wrong pixel scale: the slope of the order over pixels stays as it is. Where both edges
-are in view, their distance can.
-
-Where the beam lies in a frame, and a first guess of its fringes, is told from a profile over its
-height: in pure bending N rises linearly across it, so that the intensity along it is a sinusoid
-with one frequency, the slope |dN/dy|; outside the beam there is none. A spectral scan with a window
-of the beam's known height finds both together, with no knowledge of f_sigma.
-
-Material fringe value from four-point bending.
+"""Material fringe value from images of a beam in four-point bending, see `calibration.whole_set`.
 
 Between the inner rollers M = P (Lo - Li)/4 and sigma_x = M eta/I with I = d h^3/12, so that
 N = sigma_x d/f_sigma = 12 M eta/(f_sigma h^3): the thickness d cancels. The order at the edge,
 eta = h/2, rises with the load by k = 3 (Lo - Li)/(2 h^2 f_sigma) fringes per N.
+
+Where the beam lies in a frame, and a first guess of its fringes, is told from a profile over its
+height: N rises linearly across it, so that the intensity along it is a sinusoid with one frequency,
+the slope |dN/dy|; outside the beam there is none. A spectral scan with a window of the beam's known
+height finds both together. The fringes alone cannot tell a wrong pixel scale: the slope of the
+order over pixels stays as it is. Where both edges are in view, their distance can.
 """
 
 from __future__ import annotations

@@ -1,21 +1,14 @@
-"""One image of a loaded disc: the whole field by least squares on its intensities.
+"""Material fringe value from a disc under diametral compression, see `calibration.whole_set`.
 
-Residual stress in a disc, and the order it makes with the load.
+At the centre sigma1 - sigma2 = 8 P/(pi D d), so that N = (8/(pi D f_sigma)) P + N0: the thickness
+d cancels, and an order N0 that stays at zero load (residual stress) does not touch the slope.
 
-Stress adds as a tensor. With D = (sx - sz) + 2i txz in fringes, the loads' part is
+Elsewhere stress adds as a tensor. With D = (sx - sz) + 2i txz in fringes, the loads' part is
 D_P = N (1 - rho^2)/(s^2 + 1)^2, s = x - iz in radii with z along the loads (Frocht 1948; see
 `reference.round_bodies`), and the order is |D_P + D_0| with one residual field D_0 for all loads:
 a polynomial, which holds what moulding, cutting and annealing leave, D_0 = (c2 r^2 + c4 r^4)
 e^(2 i phi), and an even part; and a polynomial along the directions of the loads' own field, which
 holds what creeps under them.
-
-All images of a disc in the model of a whole set: see `calibration.whole_set`.
-
-Material fringe value from a disc under diametral compression.
-
-At the centre sigma1 - sigma2 = 8 P/(pi D d), so that N = (8/(pi D f_sigma)) P + N0: the thickness
-d cancels, and an order N0 that stays at zero load (residual stress) does not touch the slope.
-Elsewhere in the disc residual stress adds as a tensor: see `disc_residual`.
 """
 
 from collections.abc import Sequence

@@ -1,34 +1,19 @@
-"""The disc's rim in a frame: where fringes begin, and a circle through the outermost of them.
+"""A disc in a frame: its rim, its field of orders, and how these rise with the load.
 
 The free rim carries no principal difference, so that in a dark field it is as dark as the air and
 fringes begin a little inside: the circle is a start, which the whole-field fit corrects.
 
-The disc's order field on a frame's pixels, and a scan of its centre order.
-
 sigma1 - sigma2 = (8 P/(pi D d)) (1 - rho^2)/((1 + rho^2)^2 - 4 zeta^2), rho = r/R, zeta = z/R along
-the loads (Frocht 1948; see `reference.round_bodies`): the centre order scales all of it.
-
-Starts for a disc's fit: rim, then a scan of centre order, radius and load direction.
-
-One image's scan has many minima. Several loads tell them apart: their centre orders lie on one
+the loads (Frocht 1948; see `reference.round_bodies`): the centre order scales all of it. One
+image's scan of it has many minima. Several loads tell them apart: their centre orders lie on one
 line, N = k P + N0, and the line with the least sum of relative misfits picks every image's start.
 
-The rise of the order with load, pixel by pixel, whatever stress the disc already holds.
-
-With an arbitrary residual order n(x) along the same principal directions, a pixel sees
-I = c + a cos(2 pi k h P) + b sin(2 pi k h P) over the loads P: h(x) is the disc's known field over
-its centre value, k the centre's fringes per N, and a, b, c (with n in them) are free at every
-pixel. The k that explains most of the variation, pooled over the disc, needs no start, no
-illumination and no knowledge of n. (A Lomb-Scargle periodogram; Lomb, Astrophys. Space Sci. 39,
-1976, 447-462.)
-
-A disc's load, read against frames of known loads: whatever stress the disc already holds.
-
-Frozen stress bends the fringes of a disc so that its closed form describes no single frame. But it
-is the same in all of them: under the load P a pixel sees
-I = c + a cos(2 pi k h P) + b sin(2 pi k h P), h the disc's own field over its centre value, and a,
-b, c are told by frames of known loads, pixel by pixel. So is the rise k of the centre's order with
-the load, and one more frame has one unknown, its load.
+Whatever stress the disc holds already along the loads' directions, a pixel sees under the loads P
+I = c + a cos(2 pi k h P) + b sin(2 pi k h P): h(x) is the disc's known field over its centre value,
+k the centre's fringes per N, and a, b, c (with the stress's order in them) are free at every pixel.
+The k that explains most of the variation, pooled over the disc, needs no start and no illumination.
+(A Lomb-Scargle periodogram; Lomb, Astrophys. Space Sci. 39, 1976, 447-462.) Where frames of known
+loads tell a, b, c and k, one more frame has one unknown, its load.
 """
 
 from collections.abc import Callable, Sequence
