@@ -141,22 +141,6 @@ def largest_order(unloaded: Sequence[ResidualOrder]) -> float:
     return float(np.sqrt(np.sum(weight * r**2) / np.sum(weight)))
 
 
-def order_messages(
-    unloaded: Sequence[ResidualOrder], line: OrderLine, load_n: float
-) -> Iterator[str]:
-    """Where an unloaded image contradicts the order that the loads' line leaves at no load."""
-    if line.intercept is None or line.intercept_uncertainty is None:
-        return
-    r, u, slope = line.intercept, line.intercept_uncertainty, line.intercept / line.slope
-    for item in unloaded:
-        order = float(np.sqrt(max(item.square, 0.0)))
-        spread = np.sqrt(item.uncertainty**2 + (2.0 * r * u) ** 2 + 2.0 * u**4)
-        if abs(r**2 - item.square) > CONTRADICTED * spread and abs(abs(r) - order) > NOTICED:
-            yield message(
-                "shows_order_no_load", file=item.file, order=order, r=r, slope=slope, load_n=load_n
-            )
-
-
 LINE_MISFIT = 0.12
 """Distance of an order from the other loads' line, in orders' range, that is refused."""
 
@@ -223,11 +207,7 @@ def uncertainty_budget(
         slope_per_n=line.slope,
         images=tuple(images),
         budget=budget,
-        warnings=(
-            *messages,
-            *order_messages(unloaded, line, max(loads)),
-            *_warnings(images, line, inputs, specimen),
-        ),
+        warnings=(*messages, *_warnings(images, line, inputs, specimen, unloaded)),
     )  # fmt: skip
 
 
@@ -284,14 +264,28 @@ def _budget(value: float, line: OrderLine, inputs: Sequence[Input]) -> tuple[Bud
 
 
 def _warnings(
-    images: Sequence[ImageFit], line: OrderLine, inputs: Sequence[Input], specimen: str
+    images: Sequence[ImageFit],
+    line: OrderLine,
+    inputs: Sequence[Input],
+    specimen: str,
+    unloaded: Sequence[ResidualOrder],
 ) -> Iterator[str]:
+    r, u = line.intercept or 0.0, line.intercept_uncertainty or 0.0
+    for item in unloaded:  # that contradicts the order that the loads' line leaves at no load
+        order = float(np.sqrt(max(item.square, 0.0)))
+        spread = np.sqrt(item.uncertainty**2 + (2.0 * r * u) ** 2 + 2.0 * u**4)
+        if abs(r**2 - item.square) > CONTRADICTED * spread and abs(abs(r) - order) > NOTICED:
+            load_n = max(image.load_n for image in images)
+            yield message(
+                "shows_order_no_load", file=item.file, order=order, r=r, slope=r / line.slope,
+                load_n=load_n,
+            )  # fmt: skip
     worst = max(images, key=lambda i: i.chi)
     if worst.chi > POOR_CHI:
         yield message("model_does_not_describe", chi=worst.chi, file=worst.file)
     if line.intercept is None:
         yield message("one_load_only_order")
-    elif abs(line.intercept) > max(0.1, 5.0 * (line.intercept_uncertainty or 0.0)):
+    elif abs(r) > max(0.1, 5.0 * u):
         yield (
             message("order_stays_zero_load", intercept=line.intercept, place=CUTS[specimen].place)
             + (message("one_load_wrong_third") if len(images) == 2 else "")
@@ -318,10 +312,14 @@ def widened_to_held_out(calibration: Calibration) -> Calibration:
     expected = np.hypot(noise, orders * stated)
     pulls = np.abs(away) / expected
     worst = int(np.argmax(pulls))
-    if pulls[worst] <= CONTRADICTED:
-        return replace(calibration, images=_expected(calibration.images, expected))
     needed = np.sqrt(np.maximum((away / CONTRADICTED) ** 2 - noise**2, 0.0)) / orders
     total = value * float(max(needed.max(), stated))
+    images = tuple(
+        replace(i, predicted_uncertainty=float(u))
+        for i, u in zip(calibration.images, np.hypot(noise, orders * total / value), strict=True)
+    )
+    if pulls[worst] <= CONTRADICTED:
+        return replace(calibration, images=images)
     part = float(np.sqrt(max(total**2 - calibration.standard_uncertainty**2, 0.0)))
     image = calibration.images[worst]
     items = (*calibration.budget, BudgetItem("held-out loads", part / value, "", part, 0.0))
@@ -332,15 +330,8 @@ def widened_to_held_out(calibration: Calibration) -> Calibration:
     )  # fmt: skip
     return replace(
         calibration,
-        images=_expected(calibration.images, np.hypot(noise, orders * total / value)),
+        images=images,
         standard_uncertainty=total,
         budget=tuple(replace(i, share=(i.contribution_n_per_mm / total) ** 2) for i in items),
         warnings=(text, *calibration.warnings),
-    )
-
-
-def _expected(images: Sequence[ImageFit], spread: Array) -> tuple[ImageFit, ...]:
-    """The images with what their predictions were expected to be off by."""
-    return tuple(
-        replace(i, predicted_uncertainty=float(u)) for i, u in zip(images, spread, strict=True)
     )

@@ -105,11 +105,6 @@ class View:
     cut: tuple[Any, ...]
     position_mm: Array
 
-    def along_cut(self, values: Array) -> Array:
-        """A map, or `position_mm`, on the cut, where it was not left out."""
-        line = values[self.cut] if values.ndim == 2 else values
-        return np.asarray(line[np.isfinite(self.residual[self.cut])])
-
 
 @dataclass(frozen=True, kw_only=True)
 class ImageFit:
@@ -370,9 +365,8 @@ def _spread(images: Sequence[ImageFit]) -> list[ImageFit]:
 
 def _cut(cut: Axes, view: View, where: Cut) -> None:
     """Intensity and order along the cut."""
-    place, light, model, orders = (
-        view.along_cut(v) for v in (view.position_mm, view.image, view.model, view.order)
-    )
+    lines = (view.position_mm, *(v[view.cut] for v in (view.image, view.model, view.order)))
+    place, light, model, orders = (v[np.isfinite(view.residual[view.cut])] for v in lines)
     cut.plot(place, light, ".", ms=2, color=PALE, label="captured")
     cut.plot(place, model, "-", lw=LINE_PT, color=INK, label="fitted")
     twin = cut.twinx()

@@ -39,31 +39,6 @@ _INPUTS = (
 _SPANS = ("beam.inner_span_mm", "beam.outer_span_mm")
 
 
-def with_stated(model: type[BaseModel], data: dict[str, Any]) -> dict[str, Any]:
-    """A set's tables with plain values, and what stood beside them under [uncertainty].
-
-    ValueError for what is stated twice, and for a key that is no input of the budget.
-    """
-    plain, stated = split_uncertainties(model, data)
-    plain, of_images = plain_rows(plain, ("image",), ("load_n",))
-    for key in stated:
-        if key not in _INPUTS and key not in _SPANS:
-            raise ValueError(
-                message(
-                    "no_input_calibration_budget", key=key, inputs=", ".join(_INPUTS),
-                    spans=", ".join(_SPANS), load="image.load_n",
-                )
-            )  # fmt: skip
-    spreads = {key.partition(".")[2]: stated[key] for key in stated if key in _INPUTS}
-    spans = [stated[key] for key in _SPANS if key in stated]
-    if spans:
-        # of each span, such that both together are as uncertain as stated
-        spreads["span_mm"] = float(np.sqrt(np.sum(np.square(spans)) / len(_SPANS)))
-    if "load_n" in of_images:
-        spreads["load_percent"] = common_percent(of_images["load_n"])
-    return under_uncertainty(plain, spreads)
-
-
 def common_percent(relative: list[float]) -> float:
     """The root mean square of relative uncertainties, per cent: they are taken as one."""
     return 100.0 * float(np.sqrt(np.mean(np.square(relative))))
@@ -280,7 +255,30 @@ class CalibrationSet(ImageSet):
     @model_validator(mode="before")
     @classmethod
     def _plain_values(cls, data: Any) -> Any:
-        return with_stated(cls, data) if isinstance(data, dict) else data
+        """A set's tables with plain values, and what stood beside them under [uncertainty].
+
+        ValueError for what is stated twice, and for a key that is no input of the budget.
+        """
+        if not isinstance(data, dict):
+            return data
+        plain, stated = split_uncertainties(cls, data)
+        plain, of_images = plain_rows(plain, ("image",), ("load_n",))
+        for key in stated:
+            if key not in _INPUTS and key not in _SPANS:
+                raise ValueError(
+                    message(
+                        "no_input_calibration_budget", key=key, inputs=", ".join(_INPUTS),
+                        spans=", ".join(_SPANS), load="image.load_n",
+                    )
+                )  # fmt: skip
+        spreads = {key.partition(".")[2]: stated[key] for key in stated if key in _INPUTS}
+        spans = [stated[key] for key in _SPANS if key in stated]
+        if spans:
+            # of each span, such that both together are as uncertain as stated
+            spreads["span_mm"] = float(np.sqrt(np.sum(np.square(spans)) / len(_SPANS)))
+        if "load_n" in of_images:
+            spreads["load_percent"] = common_percent(of_images["load_n"])
+        return under_uncertainty(plain, spreads)
 
     @model_validator(mode="after")
     def _complete(self) -> CalibrationSet:

@@ -51,7 +51,6 @@ from .least_squares import (
     solve_linear,
 )
 from .light import (
-    FEW_TERMS,
     FIRST_DEGREES,
     LIGHT_FALLS,
     RICHEST,
@@ -63,11 +62,8 @@ from .light import (
     channel_light,
     frame_light,
     light_basis,
-    light_products,
     light_sizes,
-    missing_terms,
     total_degree,
-    with_chosen_terms,
 )
 from .observation import LEVEL_PX, FrameData, Observation, observe, prepare_frame
 from .priors import (
@@ -93,7 +89,6 @@ from .priors import (
 __all__ = [
     "ALIKE_CHI",
     "CUTOFF",
-    "FEW_TERMS",
     "FIRST_DEGREES",
     "GOOD_CHI",
     "HALF",
@@ -147,7 +142,6 @@ __all__ = [
     "jackknife_variance",
     "less_explained",
     "light_basis",
-    "light_products",
     "light_sizes",
     "line_correlation",
     "line_noise",
@@ -156,7 +150,6 @@ __all__ = [
     "local_noise",
     "minimise",
     "minimise_all",
-    "missing_terms",
     "next_damping",
     "no_prior",
     "observe",
@@ -175,5 +168,4 @@ __all__ = [
     "weigh",
     "weighed",
     "white_covariance",
-    "with_chosen_terms",
 ]

@@ -18,7 +18,7 @@ from itertools import combinations_with_replacement, pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 Array = NDArray[Any]
 Mask = NDArray[np.bool_]
@@ -118,7 +118,7 @@ class LightModel:
         """The light of every `stride`-th pixel."""
         return self.on(slice(None, None, stride), slice(None, None, stride))
 
-    def on(self, rows: slice | Mask, cols: slice | Mask) -> LightModel:
+    def on(self, rows: slice | Array, cols: slice | Array) -> LightModel:
         """The light of some rows and columns."""
         dark, bright = (
             image if image is None else image[rows][:, cols] for image in (self.dark, self.bright)
@@ -134,25 +134,25 @@ class LightModel:
         shade = self.bright if self.dark is None else self.bright - self.dark
         return np.asarray(shade, np.float32)
 
-    def illumination(self, coefficients: Array) -> Array:
-        """A (..., rows, cols), float32, of coefficients (..., k)."""
-        image = self._sum(self.terms[0], coefficients)
+    def illumination(self, coefficients: Array, dtype: DTypeLike = np.float32) -> Array:
+        """A (..., rows, cols) of coefficients (..., k)."""
+        image = self._sum(self.terms[0], coefficients, dtype)
         return image if self.shade is None else image * self.shade
 
-    def background(self, coefficients: Array) -> Array:
-        """C (..., rows, cols), float32, of coefficients (..., k)."""
+    def background(self, coefficients: Array, dtype: DTypeLike = np.float32) -> Array:
+        """C (..., rows, cols) of coefficients (..., k)."""
         if self.dark is None:
-            return self._sum(self.terms[1], coefficients)
-        dark = np.multiply(coefficients[..., :1, None], self.dark, dtype=np.float32)
-        return dark + self._sum(self.terms[1], coefficients[..., 1:])
+            return self._sum(self.terms[1], coefficients, dtype)
+        dark = np.multiply(coefficients[..., :1, None], self.dark, dtype=dtype)
+        return dark + self._sum(self.terms[1], coefficients[..., 1:], dtype)
 
-    def _sum(self, terms: Terms, coefficients: Array) -> Array:
+    def _sum(self, terms: Terms, coefficients: Array, dtype: DTypeLike) -> Array:
         """The sum of some products (..., rows, cols), row by row and then across."""
         count = self.degree + 1
         table = np.zeros((*coefficients.shape[:-1], count, count))
         table[(..., *_degrees(terms))] = coefficients
-        along = (table @ self.across[:count]).astype(np.float32)
-        return np.asarray(self.down[:count].T.astype(np.float32) @ along)
+        along = (table @ self.across[:count]).astype(dtype)
+        return np.asarray(self.down[:count].T.astype(dtype) @ along)
 
     def columns(self, keep: Mask) -> tuple[Array, Array]:
         """The images that A and C are sums of, (k, n) each, at a few pixels that are kept."""
@@ -238,11 +238,16 @@ class PixelLight:
             normal[places[p], places[q]], normal[places[q], places[p]] = block, block.T
         return normal, self._with(parts, image[None])[0]
 
-    def of(self, coefficients: Array) -> tuple[Array, Array]:
+    def products(self, rows: Array, lit: Array, weight: Array) -> Array:
+        """Products (j, k) of rows (j, n) with the columns: A times `lit`, C times `weight` (n,)."""
+        parts = self._parts(*self._images(np.array([lit, weight])))
+        return self._with(parts, self._images(rows))
+
+    def of(self, coefficients: Array, dtype: DTypeLike = np.float32) -> tuple[Array, Array]:
         """A and C (n,) of coefficients (k,)."""
         light, keep = self._used
         a, c = np.split(coefficients, [self.split])
-        return light.illumination(a)[keep], light.background(c)[keep]
+        return light.illumination(a, dtype)[keep], light.background(c, dtype)[keep]
 
     def take_off(self, rows: Array, lit: Array, weight: Array, inverse: Array) -> None:
         """Take off what the columns explain of rows (j, n), with their `inverse` equations."""
@@ -315,8 +320,11 @@ def _all_terms(first: tuple[Terms, Terms], uneven: Unevenness | None) -> tuple[T
     """Some products, and behind them all others of an uneven light."""
     if uneven is None:
         return first
-    light, dark = missing_terms(first, uneven.degrees)
-    return first[0] + light, first[1] + dark
+    light, dark = (
+        (*terms, *(term for term in total_degree(degree) if term not in terms))
+        for terms, degree in zip(first, uneven.degrees, strict=True)
+    )
+    return light, dark
 
 
 def total_degree(degree: int) -> Terms:
@@ -324,31 +332,9 @@ def total_degree(degree: int) -> Terms:
     return tuple((t - j, j) for t in range(degree + 1) for j in range(t + 1))
 
 
-def missing_terms(present: tuple[Terms, Terms], degrees: tuple[int, int]) -> tuple[Terms, Terms]:
-    """The products of illumination and background up to total degrees that a light has not."""
-    light, dark = (
-        tuple(term for term in total_degree(degree) if term not in terms)
-        for degree, terms in zip(degrees, present, strict=True)
-    )
-    return light, dark
-
-
-def light_sizes(terms: tuple[Terms, Terms], fall: float = LIGHT_FALLS[1]) -> list[float]:
+def light_sizes(terms: tuple[Terms, Terms], fall: float) -> list[float]:
     """Standard deviations of some light's products, of its brightness."""
     return [_LIGHT_SIZE * fall ** (i + j - 1) for part in terms for i, j in part]
-
-
-def with_chosen_terms(
-    present: tuple[Terms, Terms], more: tuple[Terms, Terms], chosen: Iterable[int]
-) -> tuple[Terms, Terms]:
-    """A light's products, of illumination and background, and behind them some of those it has not.
-
-    `chosen`: which of `more` (see `missing_terms`), counted through both, in this order.
-    """
-    count, order = len(more[0]), tuple(chosen)
-    light = tuple(more[0][i] for i in order if i < count)
-    dark = tuple(more[1][i - count] for i in order if i >= count)
-    return (*present[0], *light), (*present[1], *dark)
 
 
 @lru_cache(maxsize=8)
@@ -357,21 +343,14 @@ def light_basis(shape: tuple[int, int], terms: Terms) -> Array:
 
     The last ones are kept, and cannot be written to.
     """
-    basis = light_products((_unit(shape[0]), _unit(shape[1])), terms)
+    degree = max((max(pair) for pair in terms), default=0)
+    ends = (np.polynomial.legendre.legvander(_unit(n), degree).T for n in shape)
+    rows, cols = (end.astype(np.float32) for end in ends)
+    basis = np.empty((len(terms), *shape), np.float32)
+    for member, (i, j) in zip(basis, terms, strict=True):
+        np.multiply(rows[i][:, None], cols[j][None, :], out=member)
     basis.flags.writeable = False
     return basis
-
-
-def light_products(
-    places: tuple[Array, Array], terms: Terms, dtype: type[np.floating] = np.float32
-) -> Array:
-    """Legendre products P_i(y) P_j(x) (k, rows, cols) of rows' y and columns' x, in -1..1."""
-    degree = max((max(pair) for pair in terms), default=0)
-    rows, cols = (np.polynomial.legendre.legvander(p, degree).T.astype(dtype) for p in places)
-    stack = np.empty((len(terms), len(places[0]), len(places[1])), dtype)
-    for member, (i, j) in zip(stack, terms, strict=True):
-        np.multiply(rows[i][:, None], cols[j][None, :], out=member)
-    return stack
 
 
 def channel_light(rows: int, cols: int) -> Array:
@@ -388,14 +367,6 @@ def channel_light(rows: int, cols: int) -> Array:
 def _unit(count: int) -> Array:
     return np.linspace(-1.0, 1.0, count) if count > 1 else np.zeros(1)
 
-
-ASKED = 2.5
-"""What a cause must gain over ln n for each of its unknowns (Schwarz's criterion): of twelve causes
-one is found by chance in 200 frames. More would leave what moves the load by many of its standard
-uncertainties, where the two are alike."""
-
-FEW_TERMS = 12
-"""Products by which light is made richer: a hundred take up what a roll does."""
 
 TAKEN = 1e-6
 """Part of a column's square that must be left by what is fitted."""
@@ -425,31 +396,6 @@ class ScoreProducts:
         self.count = count
         self.matrix, self.right, square = reduced[:-1, :-1], reduced[:-1, -1], reduced[-1, -1]
         self.noise = max(1.0, float(square) / max(1, count - fitted - shared))
-
-    def one_by_one(self, most: int) -> list[int]:
-        """The columns that are asked for, each the one with the most evidence beside those before.
-
-        They are taken as fitted from then on.
-        """
-        least = np.log(self.count) + ASKED
-        chosen: list[int] = []
-        while len(chosen) < most:
-            size = np.diag(self.matrix)
-            free = size > TAKEN * self.size
-            gains = np.where(free, self.right**2 / np.where(free, size, 1.0), 0.0) / self.noise
-            best = int(gains.argmax())
-            if gains[best] < least:
-                break
-            self.take(best)
-            chosen.append(best)
-        return chosen
-
-    def take(self, index: int) -> None:
-        """Fit one column more."""
-        row, value = self.matrix[index].copy(), self.right[index]
-        size = row[index]
-        self.matrix -= np.outer(row, row) / size
-        self.right -= row * (value / size)
 
 
 def _taken_off(gram: Array, fitted: int) -> Array:

@@ -19,7 +19,7 @@ from isochrome.scene import Scene
 from isochrome.stress import pixel_grid
 
 if TYPE_CHECKING:
-    from isochrome.calibration import LoadSeries
+    from isochrome.calibration import Overlay
     from isochrome.fringes import ColourTable, ResidualStress
 
 Array = NDArray[Any]
@@ -99,7 +99,7 @@ class Capture:
     dark: Linear | None = None
     bright: Linear | None = None
     table: ColourTable | None = None
-    series: LoadSeries | None = None
+    series: Overlay | None = None
     residual: ResidualStress | None = None
 
 

@@ -1,19 +1,14 @@
-"""One image of a beam in bending: the whole span by least squares on its intensities.
-
-All images of a beam in the model of a whole set: see `calibration.whole_set`. The fringes alone
-cannot tell a wrong pixel scale: the slope of the order over pixels stays as it is. Where both edges
-are in view, their distance can.
-
-Where the beam lies in a frame, and a first guess of its fringes, is told from a profile over its
-height: in pure bending N rises linearly across it, so that the intensity along it is a sinusoid
-with one frequency, the slope |dN/dy|; outside the beam there is none. A spectral scan with a window
-of the beam's known height finds both together, with no knowledge of f_sigma.
-
-Material fringe value from four-point bending.
+"""Material fringe value from images of a beam in four-point bending, see `calibration.whole_set`.
 
 Between the inner rollers M = P (Lo - Li)/4 and sigma_x = M eta/I with I = d h^3/12, so that
 N = sigma_x d/f_sigma = 12 M eta/(f_sigma h^3): the thickness d cancels. The order at the edge,
 eta = h/2, rises with the load by k = 3 (Lo - Li)/(2 h^2 f_sigma) fringes per N.
+
+Where the beam lies in a frame, and a first guess of its fringes, is told from a profile over its
+height: N rises linearly across it, so that the intensity along it is a sinusoid with one frequency,
+the slope |dN/dy|; outside the beam there is none. A spectral scan with a window of the beam's known
+height finds both together. The fringes alone cannot tell a wrong pixel scale: the slope of the
+order over pixels stays as it is. Where both edges are in view, their distance can.
 """
 
 from __future__ import annotations
@@ -43,7 +38,7 @@ from isochrome.calibration.whole_set.set_fit import (
     calibration_of,
     check_stated_size,
     fit_set,
-    set_image,
+    set_images,
     stated_values,
 )
 from isochrome.calibration.whole_set.set_model import Kind, SetFit, SetModel
@@ -231,7 +226,19 @@ def fit_beam(shot: Shot, height_px: float) -> tuple[BeamView, SetFit]:
             raise PhysicsError("fringes_not_those_pure", name=shot.name)
         starts = [fit.values for fit in fits]
     (best, *_), alike = alike_fits(fits)
-    _check(best, alike, min(view.height_px, float(shot.light.shape[0])))
+    slope, spread = float(best.values[0]), float(np.sqrt(best.covariance[0, 0]))
+    if np.std(best.point.gain(0) * best.point.signals[0]) < FAINTEST:
+        raise PhysicsError("too_few_fringes_too", name=shot.name)
+    fringes = slope * min(view.height_px, float(shot.light.shape[0]))
+    if best.explained and (fringes < FEWEST_FRINGES or spread > 0.2 * slope):
+        raise PhysicsError("fringes_view_too_few", name=shot.name, seen_px=fringes)
+    rivals = [m for m in alike if abs(m.values[0] / slope - 1) > 0.02]
+    if rivals:
+        raise PhysicsError(
+            "two_fringe_slopes_explain", name=shot.name, chi=best.chi, chi_2=rivals[0].chi
+        )
+    if not (best.explained and best.converged):
+        raise PhysicsError("fringes_not_those_pure", name=shot.name)
     return view, best
 
 
@@ -247,48 +254,27 @@ def _model(shot: Shot, view: BeamView, cols: NDArray[np.intp], share: float) -> 
     )  # fmt: skip
 
 
-def _check(best: SetFit, alike: Sequence[SetFit], seen_px: float) -> None:
-    """Refuse an image that does not tell its slope."""
-    name = best.model.shots[0].name
-    slope, spread = float(best.values[0]), float(np.sqrt(best.covariance[0, 0]))
-    if np.std(best.point.amplitude(0) * best.point.signals[0]) < FAINTEST:
-        raise PhysicsError("too_few_fringes_too", name=name)
-    if best.explained and (slope * seen_px < FEWEST_FRINGES or spread > 0.2 * slope):
-        raise PhysicsError("fringes_view_too_few", name=name, seen_px=slope * seen_px)
-    rivals = [m for m in alike if abs(m.values[0] / slope - 1) > 0.02]
-    if rivals:
-        raise PhysicsError(
-            "two_fringe_slopes_explain", name=name, chi=best.chi, chi_2=rivals[0].chi
-        )
-    if not (best.explained and best.converged):
-        raise PhysicsError("fringes_not_those_pure", name=name)
-
-
 MOMENT = "a moment that changes along the beam"
 
 BENT = 0.02
 """Change of the slope along the span, to either side, that is no pure bending."""
 
 
-def fit_beam_set(
-    fits: Sequence[SetFit], view: BeamView, idle: Sequence[Shot], held: dict[str, float]
-) -> SetFit:
-    """The whole set with what it shows.
-
-    Parameters: `fits`, each loaded image's own; `view` of the first; `idle`, the unloaded ones;
-    `held`, what the set states of the camera, by its keys.
+def fit_beam_set(fits: Sequence[SetFit], idle: Sequence[Shot], held: dict[str, float]) -> SetFit:
+    """The set with what it shows: each loaded image's own fit, and the unloaded ones; `held`, what
+    the set states of the camera, by its keys.
     """
     first = fits[0].model
     step = max(1, int(np.count_nonzero(first.masks) / PIXELS))
     cols = first.cols[::step]
-    masks = [f.model.masks[0][:, ::step] for f in fits]
+    masks = [fit.model.masks[0][:, ::step] for fit in fits]
     common = np.logical_and.reduce(masks)
     masks += [common & shot.valid[:, cols] for shot in idle]
-    model = SetModel(
-        kind=beam_kind(view, first.shape[1]), shots=[*(f.model.shots[0] for f in fits), *idle],
-        rows=first.rows, cols=cols, masks=np.stack(masks), held=held,
+    model = replace(
+        first, shots=[*(fit.model.shots[0] for fit in fits), *idle], cols=cols,
+        masks=np.stack(masks), held=held, uneven=None,
     )  # fmt: skip
-    return fit_set(model, np.array([f.values for f in fits]))
+    return fit_set(model, np.array([fit.values for fit in fits]))
 
 
 def beam_kind(view: BeamView, width: int) -> Kind:
@@ -350,25 +336,28 @@ def beam_images(
     unknowns, count = fit.own, len(views)
     half = 0.5 * views[0].height_px
     factor = np.hypot(1.0, unknowns[:, 2]) * half
-    orders = unknowns[:, 0] * factor
-    slopes = [fit.model.places[i][0] for i in range(count)]
-    covariance = fit.covariance[np.ix_(slopes, slopes)] * np.outer(factor, factor)
+    orders, by_values = unknowns[:, 0] * factor, np.zeros((count, fit.model.size))
+    by_values[range(count), [fit.model.places[i][0] for i in range(count)]] = factor
     rows, cols = fit.model.rows, fit.model.cols
     stride = float(cols[1] - cols[0]) if len(cols) > 1 else 1.0
-    images = [
-        set_image(
-            fit, i, float(orders[i]), float(np.sqrt(covariance[i, i])),
-            {
-                "tilt_deg": float(np.degrees(np.arctan(-unknowns[i, 2]))),
-                "neutral_axis_row_px": float(unknowns[i, 1]),
-                "top_edge_row_px": view.top,
-                "fringes_per_mm": float(orders[i] / half / pixel_mm),
-            },
-            cut=np.s_[:, len(cols) // 2], position_mm=(rows - unknowns[i, 1]) * pixel_mm,
-            pixel_mm=(pixel_mm, pixel_mm * stride),
-        )
-        for i, view in enumerate(views)
-    ]  # fmt: skip
+    geometries = (
+        {
+            "tilt_deg": float(np.degrees(np.arctan(-tilt))),
+            "neutral_axis_row_px": float(row),
+            "top_edge_row_px": view.top,
+            "fringes_per_mm": float(order / half / pixel_mm),
+        }
+        for (_, row, tilt), order, view in zip(unknowns, orders, views, strict=True)
+    )
+    cuts = (
+        {
+            "cut": np.s_[:, len(cols) // 2],
+            "position_mm": (rows - row) * pixel_mm,
+            "pixel_mm": (pixel_mm, pixel_mm * stride),
+        }
+        for _, row, _ in unknowns
+    )
+    images, covariance = set_images(fit, orders, by_values, geometries, cuts)
     unloaded = []
     same = not (fit.model.exposures or fit.model.apart)
     for index in range(count, len(fit.model.shots) if same else 0):
@@ -428,33 +417,16 @@ def calibrate_bending(source: SetLike) -> Calibration:
 
 
 def bending_from_shots(shots: Sequence[Shot], given: CalibrationSet) -> Calibration:
-    """`calibrate_bending` on a set's images, each with its load.
+    """`calibrate_bending` on a set's prepared images, one of which at least is loaded.
 
-    Parameters
-    ----------
-    shots : sequence of Shot
-        The prepared images; one at least is loaded.
-    given : CalibrationSet
-        The beam, its uncertainties, and what is known of the camera and the light.
-
-    Returns
-    -------
-    Calibration
-        The fringe value (N/mm per fringe) with its standard uncertainty.
-
-    Raises
-    ------
-    InputError
-        Where the beam's edges contradict its height and the pixel's size.
-    PhysicsError
-        Where the images do not determine the value.
+    InputError where the beam's edges contradict its height and the pixel's size.
     """
     beam, pixel_mm, known = given.beam, given.camera.pixel_mm, given.uncertainty
     assert beam is not None and pixel_mm is not None
     idle = [shot for shot in shots if not shot.load_n]
     height_px = beam.height_mm / pixel_mm
     views, fits = zip(*(fit_beam(s, height_px) for s in shots if s.load_n), strict=True)
-    set_fit = fit_beam_set(fits, views[0], idle, stated_values(given))
+    set_fit = fit_beam_set(fits, idle, stated_values(given))
     change = check_span(set_fit)
     images, covariance, unloaded = beam_images(set_fit, views, pixel_mm)
     messages = [message("moment_changes_along_beam", change=100.0 * change)] if change else []

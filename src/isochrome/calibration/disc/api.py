@@ -1,21 +1,14 @@
-"""One image of a loaded disc: the whole field by least squares on its intensities.
+"""Material fringe value from a disc under diametral compression, see `calibration.whole_set`.
 
-Residual stress in a disc, and the order it makes with the load.
+At the centre sigma1 - sigma2 = 8 P/(pi D d), so that N = (8/(pi D f_sigma)) P + N0: the thickness
+d cancels, and an order N0 that stays at zero load (residual stress) does not touch the slope.
 
-Stress adds as a tensor. With D = (sx - sz) + 2i txz in fringes, the loads' part is
+Elsewhere stress adds as a tensor. With D = (sx - sz) + 2i txz in fringes, the loads' part is
 D_P = N (1 - rho^2)/(s^2 + 1)^2, s = x - iz in radii with z along the loads (Frocht 1948; see
 `reference.round_bodies`), and the order is |D_P + D_0| with one residual field D_0 for all loads:
 a polynomial, which holds what moulding, cutting and annealing leave, D_0 = (c2 r^2 + c4 r^4)
 e^(2 i phi), and an even part; and a polynomial along the directions of the loads' own field, which
 holds what creeps under them.
-
-All images of a disc in the model of a whole set: see `calibration.whole_set`.
-
-Material fringe value from a disc under diametral compression.
-
-At the centre sigma1 - sigma2 = 8 P/(pi D d), so that N = (8/(pi D f_sigma)) P + N0: the thickness
-d cancels, and an order N0 that stays at zero load (residual stress) does not touch the slope.
-Elsewhere in the disc residual stress adds as a tensor: see `disc_residual`.
 """
 
 from collections.abc import Sequence
@@ -31,7 +24,7 @@ from isochrome.calibration.disc.disc_field import (
     Circle,
     Complexes,
     DiscPixels,
-    check_scans,
+    Scan,
     choose_centre_orders,
     disc_geometry,
     disc_mask,
@@ -43,17 +36,25 @@ from isochrome.calibration.disc.disc_field import (
     scan_disc,
     thin_grid,
 )
-from isochrome.calibration.order_line import Input
+from isochrome.calibration.order_line import Input, check_order
 from isochrome.calibration.result import Calibration, ImageFit
 from isochrome.calibration.settings import CalibrationSet, SetLike, load_set
-from isochrome.calibration.shot import FEWEST_FRINGES, PIXELS, RIM, Shot, calibrate_channels, unused
+from isochrome.calibration.shot import (
+    EXPLAINED,
+    FEWEST_FRINGES,
+    PIXELS,
+    RIM,
+    Shot,
+    calibrate_channels,
+    unused,
+)
 from isochrome.calibration.whole_set.set_fit import (
     alike_fits,
     best_first,
     calibration_of,
     check_stated_size,
     fit_set,
-    set_image,
+    set_images,
     stated_values,
 )
 from isochrome.calibration.whole_set.set_model import Kind, SetFit, SetModel
@@ -168,15 +169,12 @@ MOST_FRINGES, MOST_RADII = 0.3, 0.03
 """Largest moves of an image's own unknowns in one step; of the angle as much in rad."""
 
 
-def fit_disc_set(
-    shots: Sequence[Shot], idle: Sequence[Shot], unknowns: Array, held: dict[str, float]
-) -> SetFit:
-    """The whole set with what it shows, from a start with residual stress where it asks for one.
+def fit_disc_set(images: Sequence[Shot], unknowns: Array, held: dict[str, float]) -> SetFit:
+    """The set with what it shows, from a start with residual stress where it asks for one.
 
-    Parameters: `shots` (m,), loaded, `idle` (j,), unloaded; `unknowns` (m, 5), where those of the
-    loaded ones start; `held`, what the set states of the camera, by its keys.
+    Parameters: `images`, the loaded ones (m) first, whose `unknowns` (m, 5) are a start; `held`,
+    what the set states of the camera, by its keys.
     """
-    images = [*shots, *idle]
     fit = fit_set(disc_model(images, unknowns, held), unknowns)
     if not len(fit.model.kind.sizes) or (fit.explained and fit.chi < ALIKE_CHI):
         return fit
@@ -210,9 +208,22 @@ def disc_model(
         shot.valid[grid.pick] & disc_mask(grid, place, within=1.0 - rim)
         for shot, place in zip(images, places, strict=True)
     ]
+
+    def order(unknowns: Array, besides: Array, rows: Array, cols: Array) -> Array:
+        if besides.any():
+            return np.abs(total_order(unknowns, besides, rows, cols))
+        return disc_order(DiscPixels(rows, cols, 1.0), unknowns)
+
+    # one load, or two, cannot tell a residual stress from the loads'
     several = len({shot.load_n for shot in images}) >= RESIDUAL_LOADS
+    kind = Kind(
+        besides=RESIDUAL, order=order, by_besides=by_residual,
+        sizes=SIZES if several else SIZES[:0],
+        largest=np.array([MOST_FRINGES, *[MOST_RADII * radius] * 3, MOST_RADII]),
+        idle=lambda first, _: np.concatenate([[0.0], first[1:]]), idle_largest=np.zeros(0),
+    )  # fmt: skip
     return SetModel(
-        kind=disc_kind(radius, several), shots=images, rows=grid.rows[:, 0].astype(np.intp),
+        kind=kind, shots=images, rows=grid.rows[:, 0].astype(np.intp),
         cols=grid.cols[0].astype(np.intp), masks=np.stack(masks), held=held,
     )  # fmt: skip
 
@@ -247,25 +258,6 @@ def stressed_start(images: Sequence[Shot], unknowns: Array) -> tuple[Array, Arra
     return best.own, best.model.value(best.values, RESIDUAL)
 
 
-def disc_kind(radius: float, several_loads: bool) -> Kind:
-    """A disc's order by centre order, row, column, radius and angle, see `disc_order`.
-
-    Besides, its residual stress, which one load, or two, cannot tell from the loads'.
-    """
-
-    def order(unknowns: Array, besides: Array, rows: Array, cols: Array) -> Array:
-        if besides.any():
-            return np.abs(total_order(unknowns, besides, rows, cols))
-        return disc_order(DiscPixels(rows, cols, 1.0), unknowns)
-
-    return Kind(
-        besides=RESIDUAL, order=order, by_besides=by_residual,
-        sizes=SIZES if several_loads else SIZES[:0],
-        largest=np.array([MOST_FRINGES, *[MOST_RADII * radius] * 3, MOST_RADII]),
-        idle=lambda first, _: np.concatenate([[0.0], first[1:]]), idle_largest=np.zeros(0),
-    )  # fmt: skip
-
-
 def disc_images(
     fit: SetFit, rims: Sequence[float], diameter_mm: float
 ) -> tuple[list[ImageFit], Array]:
@@ -284,19 +276,18 @@ def disc_images(
         along_loads = residual_basis(centre, centre, np.exp(2j * unknowns[:, 4])).real.T
         linear[:, model.places[RESIDUAL]] = along_loads
         orders += along_loads @ model.value(fit.values, RESIDUAL)
-    covariance = linear @ fit.covariance @ linear.T
-    rows, cols = fit.model.rows, fit.model.cols
-    images = []
-    for i, (values, rim) in enumerate(zip(unknowns, rims, strict=True)):
-        pixel_mm = 0.5 * diameter_mm / float(values[3])
-        image = set_image(
-            fit, i, float(orders[i]), float(np.sqrt(covariance[i, i])),
-            disc_geometry(values[1:], rim), cut=np.s_[int(np.argmin(np.abs(rows - values[1]))), :],
-            position_mm=(cols - values[2]) * pixel_mm,
-            pixel_mm=(pixel_mm * float(rows[1] - rows[0]),) * 2,
-        )  # fmt: skip
-        images.append(image)
-    return images, covariance
+    rows, cols = model.rows, model.cols
+    cuts = (
+        {
+            "cut": np.s_[int(np.argmin(np.abs(rows - row))), :],
+            "position_mm": (cols - col) * pixel_mm,
+            "pixel_mm": (pixel_mm * float(rows[1] - rows[0]),) * 2,
+        }
+        for _, row, col, radius, _ in unknowns.tolist()
+        for pixel_mm in (0.5 * diameter_mm / radius,)
+    )
+    geometries = map(disc_geometry, unknowns[:, 1:], rims)
+    return set_images(fit, orders, linear, geometries, cuts)
 
 
 def residual_of(fit: SetFit, diameter_mm: float) -> dict[str, Any] | None:
@@ -371,27 +362,9 @@ def calibrate_disc(source: SetLike) -> Calibration:
 
 
 def disc_from_shots(shots: Sequence[Shot], given: CalibrationSet) -> Calibration:
-    """`calibrate_disc` on a set's images, each with its load.
+    """`calibrate_disc` on a set's prepared images, one of which at least is loaded.
 
-    Parameters
-    ----------
-    shots : sequence of Shot
-        The prepared images; one at least is loaded.
-    given : CalibrationSet
-        The disc, its uncertainties, and what is known of the camera and the light; the rim is held
-        against a pixel's size where that is stated.
-
-    Returns
-    -------
-    Calibration
-        The fringe value (N/mm per fringe) with its standard uncertainty.
-
-    Raises
-    ------
-    InputError
-        Where the rim contradicts the diameter and the pixel's size.
-    PhysicsError
-        Where the images do not determine the value.
+    InputError where the rim contradicts the diameter and a stated size of a pixel.
     """
     disc = given.disc
     assert disc is not None
@@ -419,6 +392,13 @@ def disc_from_shots(shots: Sequence[Shot], given: CalibrationSet) -> Calibration
     )  # fmt: skip
 
 
+def check_scans(scans: Sequence[Scan], shots: Sequence[Shot]) -> None:
+    """Refuse loads that contradict the orders of the images' own scans (n,), if clear."""
+    if all((scan.curve.min() / scan.smooth_chi) ** 2 < 1.0 - EXPLAINED for scan in scans):
+        alone = choose_centre_orders(scans, [0.0] * len(scans))
+        check_order([shot.load_n for shot in shots], alone, tuple(shot.name for shot in shots))
+
+
 def _found(
     loaded: Sequence[Shot], idle: Sequence[Shot], diameter_mm: float, held: dict[str, float]
 ) -> tuple[Sequence[ImageFit], Array | None, SetFit | None]:
@@ -434,7 +414,7 @@ def _found(
         unknowns = [fit_disc(s, start) for s, start in zip(loaded, starts, strict=True)]
     except PhysicsError as error:  # which residual stress may explain
         unknowns, refused = [start[0] for start in starts], error
-    set_fit = fit_disc_set(loaded, idle, np.array(unknowns), held)
+    set_fit = fit_disc_set([*loaded, *idle], np.array(unknowns), held)
     if refused is not None and not (RESIDUAL in set_fit.model.free and set_fit.explained):
         overlaid = overlay(loaded, circles)
         rise = rise_with_load(overlaid)

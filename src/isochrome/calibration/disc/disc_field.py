@@ -1,48 +1,31 @@
-"""The disc's rim in a frame: where fringes begin, and a circle through the outermost of them.
+"""A disc in a frame: its rim, its field of orders, and how these rise with the load.
 
 The free rim carries no principal difference, so that in a dark field it is as dark as the air and
 fringes begin a little inside: the circle is a start, which the whole-field fit corrects.
 
-The disc's order field on a frame's pixels, and a scan of its centre order.
-
 sigma1 - sigma2 = (8 P/(pi D d)) (1 - rho^2)/((1 + rho^2)^2 - 4 zeta^2), rho = r/R, zeta = z/R along
-the loads (Frocht 1948; see `reference.round_bodies`): the centre order scales all of it.
-
-Starts for a disc's fit: rim, then a scan of centre order, radius and load direction.
-
-One image's scan has many minima. Several loads tell them apart: their centre orders lie on one
+the loads (Frocht 1948; see `reference.round_bodies`): the centre order scales all of it. One
+image's scan of it has many minima. Several loads tell them apart: their centre orders lie on one
 line, N = k P + N0, and the line with the least sum of relative misfits picks every image's start.
 
-The rise of the order with load, pixel by pixel, whatever stress the disc already holds.
-
-With an arbitrary residual order n(x) along the same principal directions, a pixel sees
-I = c + a cos(2 pi k h P) + b sin(2 pi k h P) over the loads P: h(x) is the disc's known field over
-its centre value, k the centre's fringes per N, and a, b, c (with n in them) are free at every
-pixel. The k that explains most of the variation, pooled over the disc, needs no start, no
-illumination and no knowledge of n. (A Lomb-Scargle periodogram; Lomb, Astrophys. Space Sci. 39,
-1976, 447-462.)
-
-A disc's load, read against frames of known loads: whatever stress the disc already holds.
-
-Frozen stress bends the fringes of a disc so that its closed form describes no single frame. But it
-is the same in all of them: under the load P a pixel sees
-I = c + a cos(2 pi k h P) + b sin(2 pi k h P), h the disc's own field over its centre value, and a,
-b, c are told by frames of known loads, pixel by pixel. So is the rise k of the centre's order with
-the load, and one more frame has one unknown, its load.
+Whatever stress the disc holds already along the loads' directions, a pixel sees under the loads P
+I = c + a cos(2 pi k h P) + b sin(2 pi k h P): h(x) is the disc's known field over its centre value,
+k the centre's fringes per N, and a, b, c (with the stress's order in them) are free at every pixel.
+The k that explains most of the variation, pooled over the disc, needs no start and no illumination.
+(A Lomb-Scargle periodogram; Lomb, Astrophys. Space Sci. 39, 1976, 447-462.) Where frames of known
+loads tell a, b, c and k, one more frame has one unknown, its load.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import product
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from isochrome.calibration.order_line import check_order
 from isochrome.calibration.result import ImageFit, View
-from isochrome.calibration.shot import EXPLAINED, FINEST, LARGEST_TILT, RIM, Shot
+from isochrome.calibration.shot import FINEST, LARGEST_TILT, RIM, Shot
 from isochrome.errors import PhysicsError
 from isochrome.estimation import (
     Observation,
@@ -63,17 +46,7 @@ RAYS = 180
 
 @dataclass(frozen=True)
 class Circle:
-    """A circle in pixels.
-
-    Parameters
-    ----------
-    row, col : float
-        The centre, px.
-    radius : float
-        The radius, px.
-    scatter : float
-        Its points' scatter, px.
-    """
+    """A circle about a centre at `row` and `col`, with its points' `scatter`, all px."""
 
     row: float
     col: float
@@ -84,23 +57,15 @@ class Circle:
 def find_rim(frame: Observation) -> Circle:
     """Find the disc: the largest patch where the intensity changes, unlike the air at the corners.
 
-    Parameters
-    ----------
-    frame : Observation
-        A frame that holds the whole disc with air in its corners.
-
-    Returns
-    -------
-    Circle
-        The circle through its outline.
-
-    Raises
-    ------
-    PhysicsError
-        Where there is no disc, or the frame cuts it.
+    PhysicsError where there is no disc, or the frame cuts it.
     """
     patch = _patch(frame)
-    circle = fit_circle(_outline(patch))
+    rows, cols = np.nonzero(patch)
+    dr, dc = rows - rows.mean(), cols - cols.mean()
+    sector = ((np.arctan2(dr, dc) / (2.0 * np.pi) + 0.5) * RAYS).astype(int) % RAYS
+    order = np.lexsort((np.hypot(dr, dc), sector))
+    outermost = order[np.flatnonzero(np.diff(np.append(sector[order], -1)))]  # of each sector
+    circle = fit_circle(np.stack([rows[outermost], cols[outermost]], axis=1).astype(float))
     height, width = patch.shape
     spare, middle = RIM * circle.radius, np.array([circle.row, circle.col])
     low, high = middle - circle.radius, middle + circle.radius
@@ -119,17 +84,8 @@ def find_rim(frame: Observation) -> Circle:
 
 
 def fit_circle(points: Array) -> Circle:
-    """Fit a circle by least squares on radial distances, outliers down-weighted (soft L1).
-
-    Parameters
-    ----------
-    points : (n, 2) array
-        Row and column of each point, px.
-
-    Returns
-    -------
-    Circle
-        The circle; its `scatter` is the median distance.
+    """Fit a circle to points (n, 2), px, by least squares on radial distances, outliers
+    down-weighted (soft L1); its `scatter` is the median distance.
     """
     from scipy.optimize import least_squares
 
@@ -166,16 +122,6 @@ def _patch(frame: Observation) -> NDArray[np.bool_]:
     sizes = np.bincount(labels.ravel())
     sizes[0] = 0
     return np.asarray(ndimage.binary_fill_holes(labels == int(np.argmax(sizes))))
-
-
-def _outline(patch: NDArray[np.bool_]) -> Array:
-    """The outermost patch pixel in each of RAYS sectors about its middle, (n, 2)."""
-    rows, cols = np.nonzero(patch)
-    dr, dc = rows - rows.mean(), cols - cols.mean()
-    sector = ((np.arctan2(dr, dc) / (2.0 * np.pi) + 0.5) * RAYS).astype(int) % RAYS
-    order = np.lexsort((np.hypot(dr, dc), sector))
-    chosen = order[np.flatnonzero(np.diff(np.append(sector[order], -1)))]
-    return np.stack([rows[chosen], cols[chosen]], axis=1).astype(float)
 
 
 LOAD_ZONE = 0.25
@@ -340,17 +286,6 @@ def choose_centre_orders(scans: Sequence[Scan], loads_n: Sequence[float]) -> Arr
     return np.asarray(ORDERS[i] + slope[i, j] * (loads - low))
 
 
-def check_scans(scans: Sequence[Scan], shots: Sequence[Shot]) -> None:
-    """Refuse loads that contradict the orders which the images show each by itself.
-
-    Parameters: `scans` and `shots` (n,). Raises PhysicsError as `line.check_order`; says nothing
-    where an image's own order is not clear.
-    """
-    if all((np.min(s.curve) / s.smooth_chi) ** 2 < 1.0 - EXPLAINED for s in scans):
-        orders = [ORDERS[int(np.argmin(s.curve))] for s in scans]
-        check_order([s.load_n for s in shots], orders, tuple(s.name for s in shots))
-
-
 FEWEST_LOADS = 5
 """Three numbers a pixel are free: fewer loads leave nothing to judge k by."""
 
@@ -363,11 +298,14 @@ WITHIN = 0.8
 
 @dataclass(frozen=True)
 class Overlay:
-    """All images on the unit disc: `stack` (n, m, m), its `grid` in radii, `loads` (n,)."""
+    """All images on the unit disc: `stack` (n, m, m), its `grid` in radii, `loads` (n,); their
+    `numbers` in a set.
+    """
 
     stack: Array
     grid: DiscPixels
     loads: Array
+    numbers: tuple[int, ...] = ()
 
     @property
     def used(self) -> NDArray[np.bool_]:
@@ -566,14 +504,6 @@ STRIPS = 4
 
 
 @dataclass(frozen=True)
-class LoadSeries:
-    """Frames of known loads laid over each other on the unit disc, and their numbers in the set."""
-
-    images: Overlay
-    numbers: tuple[int, ...]
-
-
-@dataclass(frozen=True)
 class LoadReading:
     """A load that was read."""
 
@@ -585,12 +515,12 @@ class LoadReading:
     beyond: float  # how far it is outside of the known loads, over their range; 0 inside
 
 
-def lay_series(shots: Sequence[Shot], numbers: Sequence[int]) -> LoadSeries:
+def lay_series(shots: Sequence[Shot], numbers: Sequence[int]) -> Overlay:
     """Lay numbered frames of known loads over each other; PhysicsError where no disc is seen."""
-    return LoadSeries(overlay(shots, [find_rim(shot) for shot in shots]), tuple(numbers))
+    return replace(overlay(shots, [find_rim(shot) for shot in shots]), numbers=tuple(numbers))
 
 
-def read_load(series: LoadSeries, shot: Shot, number: int) -> LoadReading:
+def read_load(series: Overlay, shot: Shot, number: int) -> LoadReading:
     """Read the load of a frame against the frames of known loads, itself left out of them.
 
     All orders N_i are fitted with a, b, c free at every pixel; the line N = k P + N0 gives (N -
@@ -599,7 +529,7 @@ def read_load(series: LoadSeries, shot: Shot, number: int) -> LoadReading:
     Gelman et al. (2013), Bayesian Data Analysis, 3.2. PhysicsError: no disc, under five loads.
     """
     others = [i for i, other in enumerate(series.numbers) if other != number]
-    known = Overlay(series.images.stack[others], series.images.grid, series.images.loads[others])
+    known = Overlay(series.stack[others], series.grid, series.loads[others])
     count = np.unique(known.loads).size
     rise = rise_with_load(known)
     if rise is None:
@@ -611,13 +541,22 @@ def read_load(series: LoadSeries, shot: Shot, number: int) -> LoadReading:
     start = _coarse(known, frame, rise, shot.name)
     both = replace(known, stack=np.concatenate([known.stack, frame.stack]))
     fit = fit_orders(both, np.append(rise.slope * known.loads, start), rise.angle)
-    load, spread = _on_line(known.loads, fit, _without_blocks(both, fit))
+    design = np.stack([known.loads, np.ones_like(known.loads)], axis=1)
+    inverse, free = np.linalg.pinv(design), len(known.loads) - 2
+    slope, intercept = inverse @ fit.orders[:-1]
+    load = float((fit.orders[-1] - intercept) / slope)
+    weights = np.array([load, 1.0]) @ inverse
+    scatter = np.sum((fit.orders[:-1] - design @ (slope, intercept)) ** 2) / free
+    moved = _without_blocks(both, fit) @ np.append(-weights, 1.0)
+    variance = float(jackknife_variance(moved))
+    variance += scatter * (1.0 + weights @ weights) * free / (free - 2)
     light = frame.stack[0][frame.used]
     predicted = _prediction(known, fit.orders[:-1], fit.place)(float(fit.orders[-1]))
     residual = float(np.mean((light - predicted) ** 2))
     low, high = known.loads.min(), known.loads.max()
     return LoadReading(
-        load_n=load, standard_uncertainty=spread, explained=float(1.0 - residual / np.var(light)),
+        load_n=load, standard_uncertainty=float(np.sqrt(variance) / abs(slope)),
+        explained=float(1.0 - residual / np.var(light)),
         chi=float(np.sqrt(residual) / np.median(shot.sigma)), rim=rim,
         beyond=max(0.0, low - load, load - high) / float(high - low),
     )  # fmt: skip
@@ -649,11 +588,12 @@ def _prediction(known: Overlay, orders: Array, place: Array) -> Callable[[float]
     data = known.stack[:, used]
     cosine, sine = pixel_waves(data, orders, field)[1]
 
-    def light(order: float, constant: Array | float = 0.0) -> Array:
+    def light(order: float) -> Array:
         phase = 2.0 * np.pi * order * field
-        return np.asarray(constant + cosine * np.cos(phase) + sine * np.sin(phase))
+        return np.asarray(cosine * np.cos(phase) + sine * np.sin(phase))
 
-    return partial(light, constant=np.mean(data - [light(n) for n in orders], axis=0))
+    constant = np.mean(data - [light(n) for n in orders], axis=0)
+    return lambda order: constant + light(order)
 
 
 def _without_blocks(images: Overlay, fit: OrdersFit) -> Array:
@@ -679,17 +619,3 @@ def _without_blocks(images: Overlay, fit: OrdersFit) -> Array:
     for i, (gram, one) in enumerate(zip(grams, pulls, strict=True)):
         moved[i, 1:] = -np.linalg.solve(total - gram, pull - one)[: count - 1]
     return moved
-
-
-def _on_line(loads: Array, fit: OrdersFit, moved: Array) -> tuple[float, float]:
-    """The last image's load by the line of the others' orders, and its standard uncertainty (N)."""
-    design = np.stack([loads, np.ones_like(loads)], axis=1)
-    inverse = np.linalg.pinv(design)
-    slope, intercept = inverse @ fit.orders[:-1]
-    load = float((fit.orders[-1] - intercept) / slope)
-    weights = np.array([load, 1.0]) @ inverse
-    free = len(loads) - 2
-    scatter = np.sum((fit.orders[:-1] - design @ (slope, intercept)) ** 2) / free
-    variance = float(jackknife_variance(moved @ np.append(-weights, 1.0)))
-    variance += scatter * (1.0 + weights @ weights) * free / (free - 2)
-    return load, float(np.sqrt(variance) / abs(slope))

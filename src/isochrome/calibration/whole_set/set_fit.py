@@ -25,9 +25,9 @@ from isochrome.calibration.whole_set.set_model import (
     GAMMA,
     GREEN_NM,
     LENS,
+    PLAIN,
     SHARED,
     USUAL_SIZES,
-    Light,
     SetFit,
     SetModel,
     SetPoint,
@@ -35,22 +35,18 @@ from isochrome.calibration.whole_set.set_model import (
 from isochrome.errors import InputError
 from isochrome.estimation import (
     ALIKE_CHI,
-    FEW_TERMS,
     FIRST_DEGREES,
     LIGHT_FALLS,
     MOSTLY,
     RIVAL_CHI,
     Nuisance,
     ScoreProducts,
+    Unevenness,
     Weighed,
     cosine_rms,
     cosine_spread,
     cosines,
-    evidence_gain,
-    light_sizes,
-    missing_terms,
     weighed,
-    with_chosen_terms,
 )
 from isochrome.fitting import CAUSES, LIGHT, NAMED, ORDER, RARE, SIZES, SUSPECTED, WIDTHS
 from isochrome.messages import message
@@ -59,12 +55,12 @@ from isochrome.output import per_cent, with_uncertainty
 Array = NDArray[np.float64]
 
 _ROUNDS = 8
-"""Times that a set is asked, its light made richer and its outliers looked for: an end of loops
-that come to rest by themselves."""
+"""Times that a set is asked, and its outliers looked for: an end of loops that come to rest by
+themselves."""
 
 _RICHEST = 24, 12
-"""Degrees of illumination and background up to which light is made richer, product by product: a
-glare adds light in a twelfth of the picture."""
+"""Degrees of illumination and background of an uneven light: a glare adds light in a twelfth of the
+picture."""
 
 _OUTLIER = 6.0
 """Residual in noises beyond which a pixel is no accident, and is left out with its neighbours."""
@@ -89,7 +85,7 @@ def fit_set(model: SetModel, unknowns: Array, besides: Array | None = None) -> S
         assert point is not None
         model = replace(model, free=(EXPOSURES, *model.free))
         start = point.model.carried(start, model)
-        bright = np.abs(_brightness(point)[: model.loaded])
+        bright = np.abs(point.brightness[: model.loaded])
         start[model.places[EXPOSURES][: model.loaded - 1]] = np.log(bright[1:] / bright[0])
     fit = model.fit(start)
     if not fit.explained:
@@ -102,7 +98,8 @@ def fit_set(model: SetModel, unknowns: Array, besides: Array | None = None) -> S
         wanted = frozenset(h.name for h in asked.sets.best) - nothing
         if wanted == fitted:
             break
-        fit = _exposed(_without_outliers(_with(fit, wanted).levelled()))
+        light = _chosen_light(fit, asked) if LIGHT in wanted else None
+        fit = _exposed(_without_outliers(_with(fit, wanted, light).levelled()))
         # what comes out at its bound, or as no better light, is not there, whatever slopes say
         nothing |= {key for key in EVEN if fit.shared.get(key, (1.0, 0.0))[0] == 0.0}
         nothing |= wanted - fitted_names(fit.model)
@@ -141,56 +138,32 @@ def _is_better(point: SetPoint | None, best: SetPoint) -> bool:
     """Whether another light of the same pixels is worth its unknowns."""
     if point is None or not point.positive:
         return False
-    before, after = ((p.cost / p.pixels, p.unknowns) for p in (best, point))
-    return evidence_gain(before, after, pixels=best.pixels) > 0.0
+    fall = point.pixels * (best.cost - point.cost) / min(best.cost, point.cost)
+    return fall > point.occam - best.occam
 
 
 def fitted_names(model: SetModel) -> frozenset[str]:
     """What a model has free beside what a set states, by name."""
-    light = {LIGHT} if model.terms != PLAIN else set()
+    light = {LIGHT} if model.uneven else set()
     return frozenset(_without_exposures(model)) | light
 
 
-PLAIN = SetModel.terms
-"""The light's products of a model as stated, of which others are more."""
-
-USUAL = missing_terms(PLAIN, FIRST_DEGREES)
-UNEVEN = with_chosen_terms(PLAIN, USUAL, range(sum(map(len, USUAL))))
-"""The others that every set is asked for, and both."""
-
-
-def _with(fit: SetFit, names: frozenset[str]) -> SetFit:
-    """The fit with other things free."""
+def _with(fit: SetFit, names: frozenset[str], light: Unevenness | None) -> SetFit:
+    """The fit with other things free, under a light as uneven as given."""
     model = fit.model
     free = names | ({EXPOSURES} & {*model.free})
     things = EXPOSURES, *SHARED, model.kind.besides
-    wider = replace(model, free=tuple(name for name in things if name in free))
-    if (LIGHT in names) != (LIGHT in fitted_names(model)):
-        terms = UNEVEN if LIGHT in names else PLAIN
-        wider = replace(wider, terms=terms, weights=_weights(fit, terms))
+    wider = replace(model, free=tuple(name for name in things if name in free), uneven=light)
     result = wider.fit(model.carried(fit.values, wider))
-    if LIGHT in names:
-        lit = replace(wider, weights=_weights(result, wider.terms))
-        result = lit.fit(result.values)
     if GAMMA in wider.free:  # a tone is linear about the light only
         again = result.levelled()
         result = again.model.fit(again.values)
-    for _ in range(_ROUNDS if LIGHT in names else 0):
-        more = missing_terms(result.model.terms, _RICHEST)
-        bases = result.model.weighted(more)
-        columns = map(result.point.columns_of, range(len(bases)), bases)
-        chosen = _score(result, columns).one_by_one(FEW_TERMS)
-        if not chosen:
-            break
-        terms = with_chosen_terms(result.model.terms, more, chosen)
-        richer = replace(result.model, terms=terms, weights=_weights(result, terms))
-        result = richer.fit(result.values)
     return result
 
 
 def unevenly_lit(fit: SetFit) -> SetFit:
     """The fit under light as uneven as on usual benches; as it is where that turns negative."""
-    uneven = replace(fit.model, terms=UNEVEN, weights=_weights(fit, UNEVEN)).fit(fit.values)
+    uneven = replace(fit.model, uneven=_lights(fit)[1]).fit(fit.values)
     return uneven if uneven.point.positive else fit
 
 
@@ -209,53 +182,18 @@ def alike_fits(fits: Sequence[SetFit]) -> tuple[list[SetFit], list[SetFit]]:
     return uneven, [m for each in (fits, uneven) for m in each if m.chi < ALIKE_CHI * each[0].chi]
 
 
-def _weights(fit: SetFit, terms: Light) -> Array:
-    """1/u² (k,) of the light's coefficients: the first ones are free, a few more as benches have
-    them, and what was asked for one by one is free again.
-    """
-    bright = float(_brightness(fit.point).mean())
-    sizes = bright * unevenness(fit) * np.array(light_sizes(terms))
-    return np.where(_are_usual(terms), sizes**-2.0, 0.0)
+def _lights(fit: SetFit) -> tuple[Unevenness, ...]:
+    """The ways in which a set's light may be uneven: as one of them it is fitted."""
+    bright = fit.point.brightness.mean()
+    now = fit.model.uneven or Unevenness(float(bright), 0.0, FIRST_DEGREES)
+    return tuple(now._replace(fall=fall) for fall in LIGHT_FALLS)
 
 
-def _are_usual(terms: Light) -> NDArray[np.bool_]:
-    """Which of some light's products are those that every set is asked for besides."""
-    return np.array([t in own for part, own in zip(terms, USUAL, strict=True) for t in part])
-
-
-def unevenness(fit: SetFit) -> float:
-    """How much more uneven a set's light is than usual, 1 at least.
-
-    The likeliest scale of the coefficients' prior: MacKay (1992), Neural Computation 4, 415.
-    """
-    if fit.model.terms == PLAIN:
-        return 1.0
-    sizes, usual = np.array(light_sizes(fit.model.terms)), _are_usual(fit.model.terms)
-    bright = _brightness(fit.point)
-    own = [
-        fit.point.linear[0][fit.model.coefficients_of(i)[: len(sizes)]] / bright[i]
-        for i in range(len(bright) if fit.model.apart else 1)
-    ]
-    return max(1.0, float(np.sqrt(np.mean((np.array(own) / sizes)[:, usual] ** 2))))
-
-
-def _score(
-    fit: SetFit, columns: Iterable[NDArray[Any]], pick: slice | NDArray[np.intp] = np.s_[:]
-) -> ScoreProducts:
-    """Products of each image's `columns` (k, n) with the residual and what is fitted: all unknowns
-    and all the light's coefficients, or what `pick` takes of these.
-    """
-    point, model = fit.point, fit.model
-
-    def parts() -> Iterator[tuple[Array, Array, Array, Array]]:
-        for i, (left, more) in enumerate(zip(point.linear[2], columns, strict=True)):
-            rows, place = point.rows(i)
-            every = np.zeros((model.size + model.coefficients, left.size))
-            every[place] = rows
-            every[model.size + model.coefficients_of(i)] = point.columns[i]
-            yield every[:0], every[pick], more, left
-
-    return ScoreProducts(parts())
+def _chosen_light(fit: SetFit, asked: Weighed) -> Unevenness:
+    """How uneven the light of the likeliest set is."""
+    ways = [h for h in asked.evidence.hypotheses if h.name == LIGHT]
+    (way,) = (k for k, h in enumerate(ways) if any(h is best for best in asked.sets.best))
+    return _lights(fit)[way]._replace(degrees=_RICHEST)
 
 
 def _without_outliers(fit: SetFit) -> SetFit:
@@ -264,7 +202,7 @@ def _without_outliers(fit: SetFit) -> SetFit:
 
     for _ in range(_ROUNDS):
         masks, odd = [], 0
-        for image, left in zip(fit.model.images, fit.point.linear[2], strict=True):
+        for image, left in zip(fit.model.images, fit.point.residuals, strict=True):
             away = np.zeros(image.mask.shape, dtype=bool)
             away[image.mask] = np.abs(left) > _OUTLIER * max(1.0, fit.chi)
             away = binary_dilation(away, iterations=2) & image.mask
@@ -278,21 +216,30 @@ def _without_outliers(fit: SetFit) -> SetFit:
 
 def ask_set(fit: SetFit) -> Weighed:
     """Weigh all that a set of images may show about a fit."""
-    model = fit.model
+    model, point = fit.model, fit.point
     nuisances = list(_nuisances(fit))
     freed = [u for n in nuisances for u in n.unknowns]
-    kept, stays = np.setdiff1d(np.arange(model.size), freed), _of_light(model)[1]
-    columns = (
-        np.concatenate([n.columns(i) for n in nuisances], dtype=np.float32, casting="same_kind")
-        for i in range(len(model.shots))
-    )
+    unknowns = np.setdiff1d(np.arange(model.size), freed)
+    plain = replace(model, uneven=None)
+
+    def parts() -> Iterator[tuple[Array, Array, NDArray[Any], Array]]:
+        for i, residual in enumerate(point.residuals):
+            rows, place = point.rows(i)
+            every = np.zeros((model.size, residual.size))
+            every[place] = rows
+            fitted = np.concatenate((every[unknowns], point.columns(i, plain)))
+            others = np.concatenate(
+                [n.columns(i) for n in nuisances], dtype=np.float32, casting="same_kind"
+            )
+            yield every[:0], fitted, others, residual
+
     return weighed(
         nuisances,
-        _score(fit, columns, np.r_[kept, model.size + stays]),
+        ScoreProducts(parts()),
         noise=fit.local_noise,
         fitted=fitted_names(model),
         chance=RARE,
-        unknowns=kept,
+        unknowns=unknowns,
         size=model.size,
     )
 
@@ -314,9 +261,16 @@ def _nuisances(fit: SetFit) -> Iterator[Nuisance]:
             weights=model.prior[places],
         )
     yield _light(fit)
+
+    def by_waves(index: int) -> Array:
+        """By a share of each place's own order, as products of cosines."""
+        order, slope = point.by_order(index)
+        mask = model.images[index].mask
+        return np.asarray(cosines(mask.shape, _COSINES)[1:, mask] * (slope * order))
+
     yield Nuisance(
         name=ORDER,
-        columns=partial(_order_columns, fit),
+        columns=by_waves,
         now=np.zeros(_COSINES**2 - 1),
         # Gaussian processes on their cosines; the even one left out is the fringe value itself
         roots=tuple(np.diag(cosine_spread(_COSINES, width)[1:]) for width in WIDTHS),
@@ -324,122 +278,61 @@ def _nuisances(fit: SetFit) -> Iterator[Nuisance]:
     )
 
 
-def _of_light(model: SetModel) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Which of all the light's coefficients are of more than the first products, and the others."""
-    (light, dark), (plain, below) = model.terms, PLAIN
-    rich = np.r_[len(plain) : len(light), len(light) + len(below) : len(light) + len(dark)]
-    of_each = [model.coefficients_of(i)[rich] for i in range(len(model.shots))]
-    found = np.unique(np.concatenate(of_each)).astype(np.intp)
-    return found, np.setdiff1d(np.arange(model.coefficients), found)
-
-
 def _light(fit: SetFit) -> Nuisance:
-    """The light's products besides those of a set as stated: what is fitted, and then others."""
-    model, point = fit.model, fit.point
-    rich, missing = _of_light(model)[0], missing_terms(model.terms, FIRST_DEGREES)
-    bases, bright = model.weighted(missing), _brightness(point)
-    of_image = rich // max(1, model.coefficients // len(model.shots)) if model.apart else rich * 0
-
-    def columns(index: int) -> Array:
-        fitted = np.zeros((model.coefficients, point.signals[index].size))
-        fitted[model.coefficients_of(index)] = point.columns[index]
-        stacked = np.concatenate((fitted[rich], point.columns_of(index, bases[index])))
-        return np.asarray(bright[index] * stacked)
-
-    light, dark = (t[len(p) :] for t, p in zip(model.terms, PLAIN, strict=True))
-    repeats, scale = len(rich) // max(1, len(light) + len(dark)), unevenness(fit)
+    """The light's products besides those of a set as stated."""
+    model, ways = fit.model, _lights(fit)
+    lit = [replace(model, uneven=way) for way in ways]
+    more = lit[0].light_weights > 0.0
+    known = model.light_weights > 0.0
     return Nuisance(
         name=LIGHT,
-        columns=columns,
-        now=np.r_[point.linear[0][rich] / bright[of_image], np.zeros(sum(map(len, missing)))],
-        roots=tuple(
-            scale
-            * np.diag([*light_sizes((light, dark), fall) * repeats, *light_sizes(missing, fall)])
-            for fall in LIGHT_FALLS
-        ),
-        weights=model.light_weights[rich] * bright[of_image] ** 2,
+        columns=lambda index: fit.point.columns(index, lit[0])[more],
+        now=fit.point.solved[0][known] if model.uneven else np.zeros(np.count_nonzero(more)),
+        roots=tuple(np.diag(way.light_weights[more] ** -0.5) for way in lit),
+        weights=model.light_weights[known],
     )
-
-
-def _brightness(point: SetPoint) -> Array:
-    """Mean illumination (m,) of the images, without their exposures."""
-    own = [
-        float(np.mean(point.amplitude(i) * image.sigma))
-        for i, image in enumerate(point.model.images)
-    ]
-    return np.array(own) if point.model.apart else np.full(len(own), float(np.mean(own)))
-
-
-def _order_columns(fit: SetFit, index: int) -> Array:
-    """By an order that no cause explains, a share of each place's own, as products of cosines."""
-    model = fit.model
-    order, slope = fit.point.by_order(index)
-    mask = model.images[index].mask
-    waves = cosines(mask.shape, _COSINES)[1:, mask]
-    return np.asarray(waves * (slope * order))
 
 
 NAMES = {key: cause.name for cause in CAUSES for key in cause.keys}
 """What a scene's keys are the causes of."""
 
 
-def set_image(
-    fit: SetFit, index: int, order: float, spread: float, geometry: dict[str, float], **cut: Any
-) -> ImageFit:
-    """The result of one image, with its maps on the fit's pixels, NaN outside.
+def set_images(
+    fit: SetFit,
+    orders: Array,
+    by_values: Array,
+    geometries: Iterable[dict[str, float]],
+    cuts: Iterable[dict[str, Any]],
+) -> tuple[list[ImageFit], Array]:
+    """The loaded images' results, with maps on the fit's pixels, and their orders' covariance.
 
-    `order` with its standard uncertainty; `cut`, what `View` has of it.
+    `orders` (m,) with their derivatives (m, p) by the unknowns; what `View` has of each one's cut.
     """
-    model, point, shot = fit.model, fit.point, fit.model.shots[index]
-    pixels, image = model.images[index], shot.light[np.ix_(model.rows, model.cols)]
-    weighted = point.linear[2][index]
-    residual, orders = np.full((2, *pixels.mask.shape), np.nan)
-    residual[pixels.mask] = weighted * pixels.sigma
-    orders[pixels.mask] = np.abs(point.orders[index][0])
-    freedom = max(1.0, weighted.size - point.unknowns / len(model.shots))
-    return ImageFit(
-        file=shot.name, load_n=shot.load_n, order=order, standard_uncertainty=spread,
-        chi=float(np.sqrt(weighted @ weighted / freedom)), geometry=geometry,
-        view=View(
-            image=image, model=image - residual, residual=residual, order=orders,
+    model, point, images = fit.model, fit.point, []
+    covariance = by_values @ fit.covariance @ by_values.T
+    for i, (order, geometry, cut) in enumerate(zip(orders, geometries, cuts, strict=True)):
+        shot, pixels, weighted = model.shots[i], model.images[i], point.residuals[i]
+        light = shot.light[np.ix_(model.rows, model.cols)]
+        residual, shown = np.full((2, *pixels.mask.shape), np.nan)
+        residual[pixels.mask] = weighted * pixels.sigma
+        shown[pixels.mask] = np.abs(point.orders[i][0])
+        freedom = max(1.0, weighted.size - point.unknowns / len(model.shots))
+        view = View(
+            image=light, model=light - residual, residual=residual, order=shown,
             sigma=float(np.median(shot.sigma)), **cut,
-        ),
-    )  # fmt: skip
-
-
-def causes(fit: SetFit, wavelength_nm: float | None) -> tuple[dict[str, Any], ...]:
-    """What was freed: key, value and standard uncertainty as a scene states them.
-
-    A band's width needs the `wavelength_nm`; without, it is a share of it, and has no key.
-    """
-    result = []
-    for key, (value, spread) in fit.shared.items():
-        name: str | None = key
-        if key in EVEN:
-            value, spread = float(np.sqrt(value)), 0.5 * spread / float(np.sqrt(value))
-        if key == BAND:
-            share = (wavelength_nm or 1.0) / GREEN_NM
-            value, spread = share * value, share * spread
-            name = key if wavelength_nm else None
-        result.append(
-            {"key": name, "cause": NAMES[key], "value": value, "standard_uncertainty": spread}
-        )
-    return tuple(result)
+        )  # fmt: skip
+        images.append(
+            ImageFit(
+                file=shot.name, load_n=shot.load_n, order=float(order),
+                standard_uncertainty=float(np.sqrt(covariance[i, i])),
+                chi=float(np.sqrt(weighted @ weighted / freedom)), geometry=geometry, view=view,
+            )
+        )  # fmt: skip
+    return images, covariance
 
 
 def cause_sentence(cause: Mapping[str, Any]) -> str:
-    """Say of a cause that a calibration found and used what it is, and where a set states it.
-
-    Parameters
-    ----------
-    cause : mapping
-        One of `Calibration.causes`.
-
-    Returns
-    -------
-    str
-        As it stands in the calibration's warnings.
-    """
+    """What one of `Calibration.causes` is, and where a set states it, as its warnings say."""
     value = with_uncertainty(cause["value"], cause["standard_uncertainty"])
     if cause["key"] == GAMMA:
         return message("grey_levels_not_linear", with_uncertainty=value)
@@ -450,12 +343,12 @@ def cause_sentence(cause: Mapping[str, Any]) -> str:
     return message("wavelength_full_width_half", cause=cause["cause"], value=value)
 
 
-def sentences(fit: SetFit, found: tuple[dict[str, Any], ...]) -> Iterator[str]:
+def sentences(fit: SetFit, found: Sequence[dict[str, Any]]) -> Iterator[str]:
     """What was found and used, a sentence each."""
     yield from map(cause_sentence, found)
-    count = sum(map(len, fit.model.terms)) - sum(map(len, PLAIN))
-    if count:
-        yield message("light_more_uneven_quadratic", plain=count)
+    if fit.model.uneven:
+        count = fit.point.unknowns - fit.values.size - fit.model.exposures
+        yield message("light_more_uneven_quadratic", plain=count - sum(map(len, PLAIN)))
     if fit.left_out > 0:
         yield message("pixels_fit_nothing_dust", per_cent=per_cent(fit.left_out))
     if fit.asked is None:
@@ -489,12 +382,23 @@ def calibration_of(
     known = given.uncertainty
     load = Input("load", known.load_percent, "%", 0.01)
     thickness = Input("thickness", known.thickness_mm, "mm", 0.0)
-    freed = causes(fit, given.polariscope.wavelength_nm) if fit else ()
+    freed, wavelength_nm = list[dict[str, Any]](), given.polariscope.wavelength_nm
+    for key, (value, spread) in (fit.shared if fit else {}).items():
+        name: str | None = key
+        if key in EVEN:
+            value, spread = float(np.sqrt(value)), 0.5 * spread / float(np.sqrt(value))
+        if key == BAND:  # without a wavelength it is a share of it, and has no key
+            share = (wavelength_nm or 1.0) / GREEN_NM
+            value, spread = share * value, share * spread
+            name = key if wavelength_nm else None
+        freed.append(
+            {"key": name, "cause": NAMES[key], "value": value, "standard_uncertainty": spread}
+        )
     result = uncertainty_budget(
         specimen, images, factor_n2_per_mm, (load, *inputs, thickness),
         messages=(*(sentences(fit, freed) if fit else ()), *messages), **orders,
     )  # fmt: skip
-    return widened_to_held_out(replace(result, residual=residual, causes=freed))
+    return widened_to_held_out(replace(result, residual=residual, causes=tuple(freed)))
 
 
 def stated_values(given: CalibrationSet) -> dict[str, float]:

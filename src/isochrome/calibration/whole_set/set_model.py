@@ -14,6 +14,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,10 +26,12 @@ from isochrome.estimation import (
     STEP,
     Bounds,
     Damping,
-    Terms,
+    LightModel,
+    PixelLight,
+    Unevenness,
     Weighed,
     block_correlation,
-    light_products,
+    frame_light,
     line_correlation,
     line_noise,
     local_noise,
@@ -41,8 +44,8 @@ from isochrome.stress import Lens
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-Light = tuple[Terms, Terms]
-"""Polynomial products of illumination and background."""
+PLAIN = total_degree(2), total_degree(1)
+"""Products of the illumination and the background of a set as stated."""
 
 LENS = ("camera.distortion", "camera.keystone_x", "camera.keystone_z")
 BAND, BLUR, GAMMA = "polariscope.bandwidth_nm", "camera.blur_px", "frames.gamma"
@@ -68,7 +71,7 @@ _ENOUGH = 1e-3
 """Fall of chi-square, in units of the noise that is left, below which a step is the last."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class SetImage:
     """An image's fitted pixels (n,): places, light, noise, and the `level` of light without noise.
 
@@ -81,23 +84,6 @@ class SetImage:
     light: Array
     sigma: Array
     level: Array
-
-    @classmethod
-    def of(
-        cls, shot: Shot, pick: tuple[NDArray[np.intp], ...], mask: Mask, level: Array | None
-    ) -> SetImage:
-        """The pixels of a shot at an index, where a mask says.
-
-        `level` (R, C) is the light without noise; by default a mean of the pixels near.
-        """
-        from scipy.ndimage import gaussian_filter
-
-        rows, cols = (np.broadcast_to(p, mask.shape)[mask].astype(float) for p in pick)
-        light, sigma = (m[pick][mask].astype(float) for m in (shot.light, shot.sigma))
-        if level is None:
-            level = gaussian_filter(shot.light, LEVEL_PX)[pick]
-        near = np.maximum(level[mask].astype(float), sigma)
-        return cls(mask=mask, rows=rows, cols=cols, light=light, sigma=sigma, level=near)
 
     def toned(self, gamma: float) -> Array:
         """Light over noise with another exponent g, (L^g + g L^(g-1) (I - L))/(g L^(g-1) σ)."""
@@ -137,10 +123,9 @@ class SetModel:
     """Images `shots` (m,) of one size, the loaded ones first, on common pixels, at `rows` (R,) and
     `cols` (C,), each where its `masks` (m, R, C) say.
 
-    `terms`, the light's products, and the `weights` (k,), 1/u², of their coefficients about nought;
-    `apart` where each image has its own light; what is `free`, of SHARED, EXPOSURES and what the
-    kind has besides, and what the other keys are `held` at; `levels` (m, R, C), the light without
-    noise where a fit tells it.
+    How `uneven` their light is, and whether it is `apart`, each image's own; what is `free`, of
+    SHARED, EXPOSURES and what the kind has besides, and what the other keys are `held` at; `levels`
+    (m, R, C), the light without noise where a fit tells it.
     """
 
     kind: Kind
@@ -148,8 +133,7 @@ class SetModel:
     rows: NDArray[np.intp]
     cols: NDArray[np.intp]
     masks: Mask
-    terms: Light = (total_degree(2), total_degree(1))
-    weights: Array | None = None
+    uneven: Unevenness | None = None
     apart: bool = False
     free: tuple[str, ...] = ()
     held: dict[str, float] = field(default_factory=dict)
@@ -167,54 +151,56 @@ class SetModel:
 
     @cached_property
     def images(self) -> tuple[SetImage, ...]:
-        """The images' pixels."""
-        pick = np.ix_(self.rows, self.cols)
-        return tuple(
-            SetImage.of(shot, pick, mask, None if self.levels is None else self.levels[i])
-            for i, (shot, mask) in enumerate(zip(self.shots, self.masks, strict=True))
-        )
+        """The images' pixels; by default a mean of the pixels near is the light without noise."""
+        from scipy.ndimage import gaussian_filter
+
+        pick, images = np.ix_(self.rows, self.cols), []
+        for i, (shot, mask) in enumerate(zip(self.shots, self.masks, strict=True)):
+            rows, cols = (np.broadcast_to(p, mask.shape)[mask].astype(float) for p in pick)
+            light, sigma = (m[pick][mask].astype(float) for m in (shot.light, shot.sigma))
+            near = (
+                gaussian_filter(shot.light, LEVEL_PX)[pick]
+                if self.levels is None
+                else self.levels[i]
+            )
+            level = np.maximum(near[mask].astype(float), sigma)
+            images.append(SetImage(mask, rows, cols, light, sigma, level))
+        return tuple(images)
 
     @cached_property
-    def bases(self) -> tuple[tuple[Array, Array], ...]:
-        """The light's images over each image's noise, (ka, n) and (kc, n), with its stray light."""
-        first, *others = self.weighted(self.terms)
-        if self.exposures:
-            others = [
-                (light, np.concatenate((dark, 1.0 / image.sigma[None])))
-                for (light, dark), image in zip(others, self.images[1:], strict=True)
-            ]
-        return (first, *others)
+    def lamp(self) -> LightModel:
+        """An image's light on the common pixels, of the no-load frames' form where there are."""
+        lamp = self.shots[0].no_load_light
+        light = frame_light(self.shape, bright=lamp, terms=PLAIN, uneven=self.uneven)
+        return light.on(self.rows, self.cols)
 
-    def coefficients_of(self, index: int) -> NDArray[np.intp]:
-        """Which of all the light's coefficients are those of an image."""
-        shared = sum(map(len, self.terms))
-        if self.apart:
-            return np.arange(index * shared, (index + 1) * shared, dtype=np.intp)
-        exposure = [shared + index - 1] if index and self.exposures else []
-        return np.asarray([*range(shared), *exposure], dtype=np.intp)
+    @cached_property
+    def lights(self) -> tuple[PixelLight, ...]:
+        """The light at each image's pixels."""
+        return tuple(PixelLight(self.lamp, image.mask) for image in self.images)
+
+    def coefficients_of(self, index: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Which of all the light's coefficients an image depends on, and which of its own light's
+        each is: its stray light is more of the background's constant.
+        """
+        own = np.arange(self.lamp.unknowns, dtype=np.intp)
+        if not index or not self.exposures:
+            return own + (index * own.size if self.apart else 0), own
+        return np.append(own, own.size + index - 1), np.append(own, len(self.lamp.terms[0]))
 
     @property
     def coefficients(self) -> int:
         """Number of the light's coefficients."""
-        return sum(map(len, self.terms)) * (len(self.shots) if self.apart else 1) + self.exposures
+        return self.lamp.unknowns * (len(self.shots) if self.apart else 1) + self.exposures
 
     @cached_property
     def light_weights(self) -> Array:
         """The weights of all the light's coefficients about nought."""
-        result = np.zeros(self.coefficients)
-        if self.weights is not None:
-            for i in range(len(self.shots)):
-                result[self.coefficients_of(i)[: len(self.weights)]] = self.weights
-        return result
-
-    def weighted(self, terms: Light) -> tuple[tuple[Array, Array], ...]:
-        """Some light's images over each image's noise."""
-        places = [np.linspace(-1.0, 1.0, n) for n in self.shape]
-        axes = places[0][self.rows], places[1][self.cols]
-        light, dark = (light_products(axes, chosen, np.float64) for chosen in terms)
-        lamp = self.shots[0].no_load_light
-        light = light if lamp is None else light * lamp[np.ix_(self.rows, self.cols)]
-        return tuple((light[:, i.mask] / i.sigma, dark[:, i.mask] / i.sigma) for i in self.images)
+        weights = np.zeros(self.coefficients)
+        for i in range(len(self.shots)):
+            at, own = self.coefficients_of(i)
+            weights[at] = self.lamp.weights[own]
+        return weights
 
     @property
     def exposures(self) -> int:
@@ -383,35 +369,61 @@ class SetPoint:
         """The images' exposures (m,), the first one's 1."""
         return np.concatenate(([1.0], np.exp(self.model.value(self.values, EXPOSURES))))
 
-    def columns_of(self, index: int, bases: tuple[Array, Array]) -> Array:
-        """Weighted columns (k, n) of an image by the light's coefficients of some `bases`."""
-        light, dark = bases
-        weight = self.exposure[index] * self.model.images[index].scale(self.gamma)
-        return np.concatenate((light * (weight * self.signals[index]), dark * weight))
+    def weight(self, index: int) -> Array:
+        """What an image's light is multiplied by (n,): its exposure, over the noise."""
+        image = self.model.images[index]
+        return np.asarray(self.exposure[index] * image.scale(self.gamma) / image.sigma)
+
+    def columns(self, index: int, model: SetModel) -> NDArray[Any]:
+        """Weighted columns (k, n) of an image by all coefficients of the light of some model."""
+        light, dark = model.lamp.columns(self.model.images[index].mask)
+        columns = np.zeros((model.coefficients, len(self.signals[index])), np.float32)
+        at, own = model.coefficients_of(index)
+        weight = self.weight(index)
+        columns[at] = np.concatenate((light * self.signals[index], dark))[own] * weight
+        return columns
 
     @cached_property
-    def columns(self) -> tuple[Array, ...]:
-        """Those of the model's own light, of all images: derivatives and residuals share them."""
-        return tuple(self.columns_of(i, bases) for i, bases in enumerate(self.model.bases))
-
-    @cached_property
-    def linear(self) -> tuple[Array, Array, tuple[Array, ...]]:
-        """Coefficients of the light, their inverse normal equations, the weighted residuals."""
+    def solved(self) -> tuple[Array, Array]:
+        """Coefficients of the light, and their inverse normal equations."""
         model, size = self.model, self.model.coefficients
-        gram, right, data = np.zeros((size, size)), np.zeros(size), []
+        normal, right = np.diag(model.light_weights), np.zeros(size)
+        inverse = np.zeros((size, size))
         for i, image in enumerate(model.images):
-            columns, place = self.columns[i], model.coefficients_of(i)
-            value = image.toned(self.gamma)
-            gram[np.ix_(place, place)] += columns @ columns.T
-            right[place] += columns @ value
-            data.append(value)
-        inverse = scaled_inverse(gram + np.diag(model.light_weights))
-        coefficients = inverse @ right
-        residual = tuple(
-            value - coefficients[model.coefficients_of(i)] @ self.columns[i]
-            for i, value in enumerate(data)
-        )
-        return coefficients, inverse, residual
+            (at, own), weight = model.coefficients_of(i), self.weight(i)
+            data, lit = image.toned(self.gamma), weight * self.signals[i]
+            of_image, with_data = model.lights[i].equations(lit, weight, data)
+            normal[np.ix_(at, at)] += of_image[np.ix_(own, own)]
+            right[at] += with_data[own]
+            if model.apart:
+                inverse[np.ix_(at, at)] = scaled_inverse(normal[np.ix_(at, at)])
+        inverse = inverse if model.apart else scaled_inverse(normal)
+        return inverse @ right, inverse
+
+    @cached_property
+    def light(self) -> tuple[tuple[Array, Array], ...]:
+        """Illumination and background (n,) of each image, before its exposure."""
+        light = []
+        for i, pixels in enumerate(self.model.lights):
+            at, own = self.model.coefficients_of(i)
+            light.append(pixels.of(np.bincount(own, self.solved[0][at]), np.float64))
+        return tuple(light)
+
+    @property
+    def brightness(self) -> Array:
+        """Mean illumination (m,) of each image, before its exposure."""
+        return np.array([float(np.mean(illumination)) for illumination, _ in self.light])
+
+    def modelled(self, index: int) -> Array:
+        """An image's light over its noise, by the model (n,)."""
+        illumination, background = self.light[index]
+        return self.weight(index) * (illumination * self.signals[index] + background)
+
+    @cached_property
+    def residuals(self) -> tuple[Array, ...]:
+        """The images' weighted residuals, each (n,)."""
+        images = enumerate(self.model.images)
+        return tuple(image.toned(self.gamma) - self.modelled(i) for i, image in images)
 
     def by_order(self, index: int) -> tuple[Array, Array]:
         """An image's order (n,), and its weighted derivative by what is added to it all over."""
@@ -423,8 +435,8 @@ class SetPoint:
     @cached_property
     def cost(self) -> float:
         """Chi-square over all images, and of what has a usual size over this."""
-        known = self.model.prior @ self.values**2 + self.model.light_weights @ self.linear[0] ** 2
-        return float(sum(r @ r for r in self.linear[2]) + known)
+        known = self.model.prior @ self.values**2 + self.model.light_weights @ self.solved[0] ** 2
+        return float(sum(r @ r for r in self.residuals) + known)
 
     @property
     def pixels(self) -> int:
@@ -433,34 +445,39 @@ class SetPoint:
 
     @property
     def unknowns(self) -> int:
-        """All unknowns, the light's as well."""
-        return self.values.size + len(self.linear[0])
+        """All unknowns, and as many of the light's as the images tell."""
+        known = self.model.light_weights @ np.diag(self.solved[1])
+        return self.values.size + round(float(self.model.coefficients - known))
 
-    def amplitude(self, index: int) -> Array:
-        """The illumination over the noise (n,)."""
-        light = self.model.bases[index][0]
-        place = self.model.coefficients_of(index)[: len(light)]
-        return np.asarray(self.linear[0][place] @ light)
+    @cached_property
+    def occam(self) -> float:
+        """What the unknowns take of twice the evidence: ln n each that may have any size, and
+        ln det(1 + V M) those of the light with a prior's covariance V.
+        """
+        weights = self.model.light_weights
+        known = np.flatnonzero(weights)
+        spread = np.sqrt(weights[known])
+        taken = self.solved[1][np.ix_(known, known)] * np.outer(spread, spread)
+        free = self.values.size + len(weights) - len(known)
+        return float(free * np.log(self.pixels) - np.linalg.slogdet(taken)[1])
 
     @cached_property
     def positive(self) -> bool:
         """Whether the illumination is positive over (nearly) all pixels."""
-        negative = sum(np.count_nonzero(self.amplitude(i) <= 0) for i in range(len(self.signals)))
+        negative = sum(np.count_nonzero(illumination <= 0.0) for illumination, _ in self.light)
         return bool(negative <= MOSTLY * self.pixels)
 
     def gain(self, index: int) -> Array:
         """How an image's pixels change with its signal (n,)."""
-        scale = self.exposure[index] * self.model.images[index].scale(self.gamma)
-        return np.asarray(self.amplitude(index) * scale)
+        return self.weight(index) * self.light[index][0]
 
     def rows_of(self, index: int, name: str) -> Array:
         """Weighted derivatives of one image by something that may be free (k, n)."""
         model, gain = self.model, self.gain(index)
-        coefficients = self.linear[0][model.coefficients_of(index)]
         if name == EXPOSURES:
             rows = np.zeros((len(model.shots) - 1, gain.size))
             if index:
-                rows[index - 1] = coefficients @ self.columns[index]
+                rows[index - 1] = self.modelled(index)
             return rows
         shared = model.shared(self.values)
         if name == model.kind.besides:
@@ -471,8 +488,9 @@ class SetPoint:
         step = STEP * SIZES[name]
         if name == GAMMA:  # how the residual changes with the exponent, the other way round
             later, image = replace(self, gamma=self.gamma + step), model.images[index]
-            columns = later.columns_of(index, model.bases[index]) - self.columns[index]
-            change = coefficients @ columns - image.toned(later.gamma) + image.toned(self.gamma)
+            ratio = later.weight(index) / self.weight(index) - 1.0
+            change = ratio * self.modelled(index) - image.toned(later.gamma)
+            change += image.toned(self.gamma)
             return np.asarray(change / step)[None]
         signal = model.signal(index, self.values, {name: shared[name] + step})
         return np.asarray((signal - self.signals[index]) * gain / step)[None]
@@ -498,14 +516,16 @@ class SetPoint:
     @cached_property
     def equations(self) -> tuple[Array, Array]:
         """Normal equations with the light eliminated, and their right side."""
-        model, (_, inverse, residuals) = self.model, self.linear
+        model, inverse = self.model, self.solved[1]
         normal, gradient = np.zeros((model.size, model.size)), np.zeros(model.size)
         cross = np.zeros((model.size, len(inverse)))
-        for i, residual in enumerate(residuals):
+        for i, residual in enumerate(self.residuals):
             rows, place = self.rows(i)
             normal[np.ix_(place, place)] += rows @ rows.T
             gradient[place] += rows @ residual
-            cross[np.ix_(place, model.coefficients_of(i))] += rows @ self.columns[i].T
+            (at, own), weight = model.coefficients_of(i), self.weight(i)
+            products = model.lights[i].products(rows, weight * self.signals[i], weight)
+            cross[np.ix_(place, at)] += products[:, own]
         normal += np.diag(model.prior)
         gradient -= model.prior * self.values
         return normal - cross @ inverse @ cross.T, gradient
@@ -547,7 +567,7 @@ class SetFit:
         in many cameras, and a beam's fringes lie along them.
         """
         ratios = []
-        for image, residual in zip(self.model.images, self.point.linear[2], strict=True):
+        for image, residual in zip(self.model.images, self.point.residuals, strict=True):
             rows = line_correlation(image.mask, residual, 1)
             ratios.append((rows, block_correlation(image.mask, residual)))
         return float(np.mean(ratios, axis=0).max())
@@ -563,7 +583,7 @@ class SetFit:
         ratios = [
             local_noise(image.mask, residual, image.light / image.sigma) ** 2
             * line_noise(image.mask, residual, 1)
-            for image, residual in zip(self.model.images, self.point.linear[2], strict=True)
+            for image, residual in zip(self.model.images, self.point.residuals, strict=True)
         ]
         return max(1.0, float(np.mean(ratios)))
 
@@ -579,7 +599,7 @@ class SetFit:
     @property
     def explained_share(self) -> float:
         """Share of a loaded image's variation that the model explains, the least of them."""
-        pairs = zip(self.model.images[: self.model.loaded], self.point.linear[2], strict=False)
+        pairs = zip(self.model.images[: self.model.loaded], self.point.residuals, strict=False)
         return 1.0 - max(float(np.var(r) / np.var(i.light / i.sigma)) for i, r in pairs)
 
     @property
@@ -590,7 +610,7 @@ class SetFit:
     def levelled(self) -> SetFit:
         """The same fit, with its own model as the light without noise of each image."""
         levels = np.ones(self.model.masks.shape)
-        residuals = self.point.linear[2]
+        residuals = self.point.residuals
         for level, image, residual in zip(levels, self.model.images, residuals, strict=True):
             level[image.mask] = image.light - image.sigma * residual
         model = replace(self.model, levels=levels)

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from isochrome.calibration import LoadReading, LoadSeries, Shot, lay_series, read_load
+from isochrome.calibration import LoadReading, Overlay, Shot, lay_series, read_load
 from isochrome.errors import PhysicsError
 from isochrome.estimation import prepare_frame
 from isochrome.fitting import LOAD
@@ -69,7 +69,7 @@ class KnownLoads(ImageOnly):
         return (LOAD, f"{LOAD} {SPREAD}", EXPLAINED)
 
 
-def known_series(scene: Scene, reader: FrameReader) -> LoadSeries:
+def known_series(scene: Scene, reader: FrameReader) -> Overlay:
     """Lay the frames whose loads the scene states over each other.
 
     InputError on a blank frame, PhysicsError where one shows no disc.
