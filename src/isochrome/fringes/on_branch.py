@@ -163,6 +163,10 @@ NOTABLE = 0.02
 SURE = 0.05
 """The error, in fringes, that `confidence` is the probability to stay within."""
 
+_ONE = 4.0
+"""From which on an error function is 1 to 2e-8."""
+_ERRORS = erf(np.arange(0.0, _ONE, 2.0**-14)).astype(np.float32)
+
 LARGEST_UNCERTAINTY = 0.03
 """Of an order that counts as known, fringes."""
 
@@ -295,10 +299,14 @@ def _move(information: Array, answer: Array) -> Array:
 
 
 def probability(uncertainty: Array) -> Array:
-    """Probability that an order with a normal error is right to `SURE`: erf(SURE/(√2 u))."""
-    with np.errstate(divide="ignore"):
-        far = (SURE / 2.0**0.5) / uncertainty
-    return np.asarray(erf(far))
+    """Probability that an order with a normal error is right to `SURE`: erf(SURE/(√2 u)).
+
+    To 4e-5, from a table: a picture's error functions take a fifth of its reading's time.
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        far = np.minimum((SURE / 2.0**0.5) / uncertainty, _ONE)
+        at = np.rint(far * np.float32(_ERRORS.size / _ONE)).astype(np.int32)
+    return np.asarray(_ERRORS.take(at, mode="clip"))  # single precision, as maps are
 
 
 def make_reading(order: Array, uncertainty: Array, known: Mask, *, of: Mask) -> OrderReading:

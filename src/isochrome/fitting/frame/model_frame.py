@@ -8,11 +8,11 @@ import numpy as np
 from isochrome.errors import InputError
 from isochrome.estimation import FrameData, PixelLight, SeparableProblem, cosine_sum, solve_linear
 from isochrome.fitting.arrays import Array, Mask
-from isochrome.fitting.frame.renderer import scene_optics, with_waves
+from isochrome.fitting.frame.renderer import SceneRenderer, scene_optics, with_waves
 from isochrome.fitting.frame.unknowns import thinning
 from isochrome.optics import FringeWave, blurred
 from isochrome.scene import Scene
-from isochrome.simulation import Picture, make_picture, scene_states, state_difference
+from isochrome.simulation import Picture, make_picture
 from isochrome.stress import PixelGrid, pixel_grid
 
 
@@ -53,7 +53,8 @@ def evaluate_model(data: FrameData, scene: Scene, *, difference: Array | None = 
         data = data.toned(scene.frames.stated_gamma)
     grid = pixel_grid(scene, data.shape)
     if difference is None:
-        difference = state_difference(scene, scene_states(scene)[-1], grid)
+        renderer = SceneRenderer(scene, data.shape)
+        difference = renderer.difference(scene, renderer.state(scene))
     if data.waves is not None:
         difference = with_waves(scene, difference, cosine_sum(data.shape, data.waves))
     picture = make_picture(scene, difference, grid)
