@@ -67,6 +67,7 @@ def _lit(contrast: Array, valid: Mask) -> Mask:
 
 _WINDOW_PX = 1.5
 """Window over which an order is pooled, in pixels or blocks."""
+_LARGEST_STEP = 0.1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,9 +103,9 @@ def refine_colour(
         pull = weight * slope
         information = gaussian_sum((pull * slope).sum(axis=-1), _WINDOW_PX)
         step = gaussian_sum((pull * (signal - ideal)).sum(axis=-1), _WINDOW_PX) / (
-            information + SURE**-2
+            information + _LARGEST_STEP**-2
         )
-        step = np.clip(step, -SURE, SURE)
+        step = np.clip(step, -_LARGEST_STEP, _LARGEST_STEP)
         order = np.clip(order + step, -table.highest, table.highest)
     ideal, slope = _look_up(order, table)
     square = np.where(trusted, signal - ideal, 0.0) ** 2
