@@ -325,6 +325,15 @@ def less_sure(reading: OrderReading, error: Array, largest: float) -> OrderReadi
     return replace(widened_reading, kept=reading.kept * widened_reading.kept)
 
 
+def moved_by_light(order: Array, error: Array) -> Array:
+    """How far an error e of the signal moves an order N that is read from it, fringes.
+
+    min(e/(pi |sin 2 pi N|), sqrt(e)/pi).
+    """
+    slope = np.pi * np.abs(np.sin(2.0 * np.pi * order))
+    return np.asarray(np.minimum(error / np.maximum(slope, 1e-9), np.sqrt(error) / np.pi))
+
+
 def widened(reading: OrderReading, error: Array) -> OrderReading:
     """Widen a reading by errors of the signal that pooling does not average out.
 

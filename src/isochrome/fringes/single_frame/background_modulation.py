@@ -39,28 +39,19 @@ from isochrome.fringes.single_frame.end_images import (
 )
 from isochrome.fringes.single_frame.end_search import (
     NOT_TOLD,
-    OVERLAP,
     TONES,
     EndProblem,
     Found,
     eliminated,
     ends_at,
     fresh_patches,
+    overlap,
     possible,
     search_all,
     search_on,
 )
 from isochrome.fringes.single_frame.patches import binned
-from isochrome.fringes.windows import (
-    ALIKE,
-    DIFFER,
-    EXPOSED,
-    LIGHT_ERROR,
-    POOLED_PX,
-    Array,
-    Mask,
-    gaussian,
-)
+from isochrome.fringes.windows import LIGHT_ERROR, Array, Mask, gaussian
 
 _LEAST_PIXELS = 100
 """Binned pixels that the shorter side of a frame keeps, eight patches or so: the ends vary slowly,
@@ -99,7 +90,10 @@ class BackgroundModulation:
     others: tuple[BackgroundModulation, ...] = field(default=(), repr=False)
 
     def signal_uncertainty(self, light: Array) -> Array:
-        """Standard uncertainty of s = (I^g - D)/(B - D), of a light I, by that of D, B and g."""
+        """Standard uncertainty of s = (I^g - D)/(B - D) by that of D, B and g (rows, cols).
+
+        Parameters: `light` I (rows, cols), linear but for the exponent g.
+        """
         level = np.maximum(light, _BLACK)
         linear = level**self.tone
         contrast = np.maximum(self.bright - self.dark, _BLACK)
@@ -129,10 +123,11 @@ def fit_background_modulation(
     bright: Array | None = None,
     tone: bool = False,
 ) -> BackgroundModulation:
-    """Find the dark and bright ends of a frame in which both occur, but for those that are given.
+    """Find the dark and bright ends of a frame in which both occur.
 
-    `light`, linear but for an exponent where `tone` asks for it, as `dark` and `bright`. InputError
-    without contrast or fringes, or where these leave ends or exponent open.
+    `light`, linear but for an exponent where `tone` asks for it; `dark`, `bright`: ends that
+    no-load frames give, of the same linearity. InputError where the frame has no contrast, or no
+    fringe that can be followed, or where its fringes leave ends or exponent open.
     """
     problem, starts = _problem(light, sigma, valid, (dark, bright), tone)
     results = _searched(problem, starts)
@@ -192,7 +187,10 @@ def _among(result: Found, selected: Mask) -> Found:
 
 
 def as_doubtful(results: list[Found]) -> Found:
-    """The first of some results, as uncertain as the others make it."""
+    """The first of some results, as uncertain as the others make it.
+
+    Parameters: the `results`, such as `possible` ones.
+    """
     best, *others = results
     away = [other.unknowns - best.unknowns for other in others]
     return replace(best, covariance=best.covariance + sum(np.outer(a, a) for a in away))
@@ -210,8 +208,9 @@ def gamma_misfit(
 ) -> tuple[float, float]:
     """Find g - 1 of the tone exponent by the fringes' shape, and its uncertainty.
 
-    By one linear step from 1: enough to tell that the light is not linear, not how far. InputError
-    where no fringe can be followed, or the fringes leave the exponent open.
+    By one linear step from 1: enough to tell that the light is not linear, not how far. `ends`,
+    found or given. InputError where no fringe can be followed, or the fringes leave the exponent
+    open.
     """
     problem, starts = _problem(light, sigma, valid, ends, True)
     data, orders, _ = fresh_patches(problem, starts[0])
@@ -220,7 +219,7 @@ def gamma_misfit(
         covariance = np.linalg.inv(normal.matrix)
     except np.linalg.LinAlgError as error:
         raise InputError(NOT_TOLD) from error
-    uncertainty = np.sqrt(OVERLAP * covariance[-1, -1])
+    uncertainty = np.sqrt(overlap(data) * covariance[-1, -1])
     return float((covariance @ normal.slope)[-1]), float(uncertainty)
 
 
@@ -301,8 +300,9 @@ _LENGTH = 0.2
 _OFF, _SHARP = 0.6, 4.0
 """A line's distance from its pixel at most, pixels, and its curvature over that of noise."""
 
-_SCATTER = 0.007
-"""Scatter of the light along a line."""
+_SCATTER, _ALIKE = 0.007, 0.02
+"""Scatter of the light along a line; share by which other light may pass it, and by which an
+exposure must differ to be another."""
 
 _STRAIGHT = 0.2
 """Curvature of the light along a line over that across: a flat extremum of the order has both."""
@@ -312,6 +312,12 @@ _BLACKEST = 0.005
 
 _LIFT = 0.1
 """Share of the bright end by which light is lifted to look for its dark lines."""
+
+_SMOOTH_PX = 3.0
+_UNSEEN = 0.5
+"""Standard uncertainty, over b, of the dark frame's factor where no trough is in the frame."""
+
+_SURE = 3.0
 
 
 @dataclass(frozen=True)
@@ -334,7 +340,10 @@ class NoLoadExposure:
 def find_no_load_exposure(
     light: Array, sigma: Array, valid: Mask, *, dark: Array, bright: Array
 ) -> NoLoadExposure:
-    """Find a frame's exposure over that of each of its no-load frames, all of one linearity."""
+    """Find a frame's exposure over that of each of its no-load frames `dark` and `bright`.
+
+    `light` is linear, `sigma` its noise; the no-load frames are of the same linearity.
+    """
     by = _binning(light.shape)  # lines that say something are long, and their ends smooth
     low, high = (binned(_smooth(end), sigma, valid, by)[0] for end in (dark, bright))
     light, sigma, valid = binned(light, sigma, valid, by)
@@ -346,9 +355,9 @@ def find_no_load_exposure(
     share = float(np.median(low[lit] / high[lit]))
     black = share < _BLACKEST
     trough = None if black else _level(light, sigma, low, lit & (low > 0.0), b * high)
-    d, by_trough = trough or (b, by_crest if black else EXPOSED * b)
-    moved = max(abs(b - 1.0) - DIFFER * by_crest, share * (abs(d - 1.0) - DIFFER * by_trough))
-    if moved < ALIKE:
+    d, by_trough = trough or (b, by_crest if black else _UNSEEN * b)
+    moved = max(abs(b - 1.0) - _SURE * by_crest, share * (abs(d - 1.0) - _SURE * by_trough))
+    if moved < _ALIKE:
         return NoLoadExposure(told=True)
     variance = np.zeros((3, 3, *dark.shape))
     sides = (dark, d, by_trough), (bright, b, by_crest)
@@ -367,22 +376,26 @@ def _has_trough(light: Array, sigma: Array, bright: Array, lit: Mask, share: flo
     lifted = _level(light + _LIFT * bright, sigma, bright, lit, bright)
     if lifted is None:
         return False
-    level, uncertainty = lifted[0] - _LIFT, DIFFER * lifted[1] + _BLACKEST
-    return -uncertainty < level < share / EXPOSED + uncertainty
+    level, uncertainty = lifted[0] - _LIFT, 3.0 * lifted[1] + _BLACKEST
+    return -uncertainty < level < share / _UNSEEN + uncertainty
 
 
 def _smooth(end: Array) -> Array:
-    """A no-load frame without its noise, 2 G - G * G: a lamp's bright spot keeps its height."""
-    once = ndimage.gaussian_filter(end, POOLED_PX, mode="nearest")
-    return np.asarray(2.0 * once - ndimage.gaussian_filter(once, POOLED_PX, mode="nearest"))
+    """A no-load frame without its noise; a lamp's bright spot keeps its height.
+
+    Equation: 2 G - G * G, which changes nothing up to the third derivative.
+    """
+    once = ndimage.gaussian_filter(end, _SMOOTH_PX, mode="nearest")
+    return np.asarray(2.0 * once - ndimage.gaussian_filter(once, _SMOOTH_PX, mode="nearest"))
 
 
 def _level(
     light: Array, sigma: Array, end: Array, lit: Mask, bright: Array | None = None
 ) -> tuple[float, float] | None:
-    """Factor of an end by lines on which the light is its, and its standard uncertainty, if any.
+    """Factor of an end by the lines on which the light is its, and its standard uncertainty.
 
-    `lit`, where it can be divided by; `bright`, the light on crests where troughs are looked for.
+    Parameters: `end`, smooth; `lit`, where it can be divided by; `bright`, the light on crests
+    where troughs are looked for. None where there is no such line.
     """
     sign = 1.0 if bright is None else -1.0
     safe = np.where(lit, end, 1.0)
@@ -399,7 +412,7 @@ def _level(
         level = _level_at(ratio, fringe, noise, lit, width)
         if level is None or sign * level[0] <= 0.0:
             continue
-        if brightest - level[0] < ALIKE * abs(level[0]):
+        if brightest - level[0] < _ALIKE * abs(level[0]):
             return abs(level[0]), level[1]
     return None
 
@@ -415,7 +428,8 @@ def _level_at(
 ) -> tuple[float, float] | None:
     """The greatest value that a ratio has all along a line, at one width of smoothing (pixels).
 
-    `fringe`, its change from a trough to a crest. Pieces of a line nearer than that are one.
+    Parameters: `fringe` (rows, cols), the ratio's change from a trough to a crest. Pieces of a line
+    that are less apart than its smoothing are one.
     """
     smooth, across, bend, along = _lines(ratio, width)
     sharp = _SHARP * noise * np.sqrt(3.0 / (16.0 * np.pi)) / width**3
@@ -440,7 +454,8 @@ def _greatest_even(
 ) -> Mask | None:
     """The lines of the greatest value that lines have all along; None where there are none.
 
-    Curvature across and along. Lines of one value count as one: all crests are alike.
+    Parameters: `curvature`, across and along. Several lines of one value count as one: all crests
+    are alike.
     """
     near = ndimage.binary_dilation(line, np.ones((3, 3)), iterations=max(1, int(width / 2.0)))
     pieces, count = ndimage.label(near)

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from isochrome.estimation import total_degree
-from isochrome.fringes.single_frame.patches import SIDE
 from isochrome.fringes.skeleton import line_points, noise_gain
-from isochrome.fringes.windows import ROUNDS, Array, Indices, Mask
+from isochrome.fringes.windows import Array, Indices, Mask
 
 _DEGREE = 2
 """Of the products: lamps fall off to the corners."""
@@ -55,7 +54,10 @@ class SmoothImages:
         return np.asarray((self.down.T @ image @ self.across)[tuple(self.pairs.T)])
 
     def products(self, other: SmoothImages, weight: Array) -> Array:
-        """Sums of each one times each of the others, weighted, over the frame: (terms, others)."""
+        """Sums of each one times each of the others, weighted, over the frame: (terms, others).
+
+        Parameters: `other` images; `weight` (rows, cols).
+        """
         down, across = (
             (one[:, :, None] * two[:, None, :]).reshape(len(one), -1)
             for one, two in ((self.down, other.down), (self.across, other.across))
@@ -114,23 +116,29 @@ def _waves() -> list[tuple[int, int, float]]:
     return result
 
 
-_ABOVE, _ENOUGH = 0.01, 400.0
+_ABOVE, _ENOUGH, _ROUNDS = 0.01, 400.0, 12
 """Of the first surface: weight of light below it over light above, and how many pixels' worth the
-light counts."""
+light counts; rounds of either."""
 _LINE_PX, _CLEAR = 3.0, 0.5
 """Width of a bright line that is looked for, and its least curvature over that of noise."""
 _STRAY = 0.02
 """Prior deviation of the dark end's quadratics, over the contrast."""
 _SPOTS = 0.1
 """Prior deviation of spots and bars, over the contrast, where the frame asks for them."""
-_NEAR = 0.02
-"""A surface is asked to pass the crests within this share of the contrast."""
+_SMOOTH_PX = 8
+"""Over which the ends' uncertainty is taken as linear."""
+_NEAR, _LENGTH_PX = 0.02, 6.0
+"""A surface is asked to pass the crests within a share of the contrast, which is told anew after
+some pixels of a line."""
 
 
 def surface_above(
     light: Array, valid: Mask, shapes: Array, spread: Array, contrast: float
 ) -> Array:
-    """Terms of a smooth surface that rests on the light from above: asymmetric least squares."""
+    """Terms of a smooth surface that rests on the light from above: asymmetric least squares.
+
+    Parameters: `light`, `valid` (rows, cols); as in `surface_through` the others.
+    """
     gain = _ENOUGH / (np.count_nonzero(valid) * (0.05 * contrast) ** 2)
     return _reweighted(
         shapes[valid], light[valid], spread, lambda away: gain * np.where(away > 0.0, 1.0, _ABOVE)
@@ -138,23 +146,27 @@ def surface_above(
 
 
 def bright_lines(light: Array, sigma: Array, valid: Mask) -> Array:
-    """The light (rows, cols) on lines that are brighter than either side; NaN elsewhere."""
+    """The light (rows, cols) on lines that are brighter than either side; NaN elsewhere.
+
+    Parameters: `light`, its noise `sigma`, `valid` (rows, cols).
+    """
     strength, _, _, level = line_points(np.where(valid, light, np.nan), _LINE_PX)
     return np.where(-strength > _CLEAR * noise_gain(_LINE_PX) * sigma, level, np.nan)
 
 
 def surface_through(crests: Array, shapes: Array, spread: Array, contrast: float) -> Array:
-    """Terms of the bright end that lies on bright lines, as if each were a crest; NaN off them.
+    """Terms of the bright end that lies on bright lines, as if each of them were a crest.
 
-    Reweighted: what lies far below the surface is no crest (Cauchy's weights).
+    Iteratively reweighted: what lies far below the surface is no crest (Cauchy's weights).
+    Parameters: `crests`, light on lines (rows, cols), NaN elsewhere; `shapes` (rows, cols, terms);
+    `spread`, the terms' prior deviations (terms,), inf for none; `contrast`. Returns the terms.
     """
     on_line = np.isfinite(crests)
     near = _NEAR * contrast
 
     def weights(away: Array) -> Array:
         below = np.maximum(-away, 0.0) / near
-        # what a line says is told anew after two widths of it
-        return np.asarray(1.0 / (1.0 + (0.5 * below) ** 2) / (2.0 * _LINE_PX * near**2))
+        return np.asarray(1.0 / (1.0 + (0.5 * below) ** 2) / (_LENGTH_PX * near**2))
 
     return _reweighted(shapes[on_line], crests[on_line], spread, weights)
 
@@ -164,7 +176,7 @@ def _reweighted(
 ) -> Array:
     """Terms of a sum of `rows` (n, terms), by `weights` of what they leave of some values (n,)."""
     weight = weights(np.zeros(len(values)))
-    for _ in range(ROUNDS):
+    for _ in range(_ROUNDS):
         weighted = rows * weight[:, None]
         normal = weighted.T @ rows + np.diag(spread**-2.0)
         terms = np.linalg.solve(normal, weighted.T @ values)
@@ -173,20 +185,24 @@ def _reweighted(
 
 
 def shapes_of_ends(shape: tuple[int, ...], by: int) -> tuple[SmoothImages, SmoothImages]:
-    """What the dark and the bright end are sums of: stray light is nearly even, a lamp is not."""
+    """What the dark and the bright end are sums of: stray light is nearly even, a lamp is not.
+
+    Parameters: `shape`, rows and columns of the whole frame; `by`, pixels a bin.
+    """
     return binned_light(shape, by, uneven=_STRAY), binned_light(shape, by, spots=_SPOTS)
 
 
 def variance_of_ends(
     shape: tuple[int, ...], given: tuple[bool, bool], cut: int, covariance: Array
 ) -> Array:
-    """Covariance (3, 3, rows, cols) of D, B and g at each pixel: it is smooth.
+    """Covariance of the dark end, the bright end and the exponent at each pixel: it is smooth.
 
-    `cut`, terms of the dark end; an end that is given has one.
+    Parameters: `shape`, rows and columns; which ends are `given`, by one term each; `cut`, terms of
+    the dark end; the unknowns' `covariance`. Returns (3, 3, rows, cols).
     """
     import cv2
 
-    by = max(1, min(SIDE, *(n // 4 for n in shape)))  # over a patch they are as good as linear
+    by = max(1, min(_SMOOTH_PX, *(n // 4 for n in shape)))
     spread, turn = np.linalg.eigh(covariance)
     root = (turn * np.sqrt(np.maximum(spread, 0.0)))[:, spread > 0.0]
     images = [smooth.images for smooth in shapes_of_ends(shape, by)]
@@ -205,18 +221,22 @@ def variance_of_ends(
 def spots_beyond_prior(covariance: Array, terms: Array, precision: Array, spots: Mask) -> float:
     """How much stronger squared the spots are that were found than they were taken for, 1 at least.
 
-    t² = Σ (c/σ)² / γ, γ = Σ (1 - var c/σ²) the number of them that the frame tells. Source: MacKay
-    (1992), Neural Computation 4, 415.
+    Equation: t² = Σ (c/σ)² / γ, γ = Σ (1 - var c/σ²) the number of them that the frame tells.
+    Source: MacKay (1992), Neural Computation 4, 415.
+    Parameters: `covariance` (n, n) with the priors' `precision` 1/σ² (n,); the `terms` found (n,);
+    which of them are `spots`.
     """
     informed = np.sum(1.0 - np.diag(covariance)[spots] * precision[spots])
     return float(max(1.0, np.sum(precision[spots] * terms[spots] ** 2) / max(informed, 1.0)))
 
 
 def as_spotted(covariance: Array, precision: Array, spots: Mask, larger: float) -> Array:
-    """A covariance of the light's terms, the spots' prior variance `larger` by what was found.
+    """A covariance of the light's terms, the spots as large beforehand as those that were found.
 
     Where no crest lies the light is as uncertain as its prior, and a lamp whose spots are three
     times as strong in view is not smoother out of view.
+    Parameters: `covariance` (n, n) with the priors' `precision` 1/σ² (n,); which of them are
+    `spots`; what their prior variance is `larger` by. Returns the covariance with that prior.
     """
     if not larger > 1.0:
         return covariance

@@ -37,7 +37,6 @@ from isochrome.fringes.single_frame.end_images import (
     spots_beyond_prior,
 )
 from isochrome.fringes.single_frame.patches import (
-    LEAST_FILLED,
     SIDE,
     SMALLEST,
     STRIDE,
@@ -154,7 +153,8 @@ class PatchData:
     """Patches in use of a problem: `index` on their lattice (p,), and their pixels (p, k).
 
     `pixels`, their numbers in the frame; `light`, `weight` of each; `window`, the sum of a patch's
-    pixels' weights before the noise (p,); `chi` (p,).
+    pixels' weights before the noise (p,); `chi` (p,); `thinned`, whether every second patch was
+    left out.
     """
 
     problem: EndProblem = field(repr=False)
@@ -164,6 +164,7 @@ class PatchData:
     pixels: Indices = field(repr=False)
     window: Array = field(repr=False)
     chi: Array = field(repr=False)
+    thinned: bool
 
     @cached_property
     def images(self) -> list[Array]:
@@ -184,7 +185,10 @@ class PatchEnds:
 
 
 def ends_at(data: PatchData, unknowns: Array) -> PatchEnds:
-    """The ends at the patches' pixels."""
+    """The ends at the patches' pixels.
+
+    Parameters: `data`; `unknowns` (terms,). Returns the PatchEnds.
+    """
     return PatchEnds(unknowns, *(end.ravel()[data.pixels] for end in data.problem.ends(unknowns)))
 
 
@@ -264,9 +268,10 @@ def _information(
 def refine_ends(
     data: PatchData, ends: PatchEnds, orders: Array, damping: Array, steps: int
 ) -> tuple[Array, Array, Array]:
-    """Damped steps of the patches' orders (p, 10), each taken where it lowers the patch's cost.
+    """Damped steps of the patches alone, each taken where it lowers the patch's cost.
 
-    Returns the orders, the patches' costs, the damping.
+    Of `orders`, the patches' terms (p, 10), by their `damping` (p,). Returns the orders, the
+    patches' costs, the damping.
     """
 
     def at(orders: Array) -> State:
@@ -299,7 +304,10 @@ class EndEquations:
 
 
 def eliminated(data: PatchData, ends: PatchEnds, orders: Array) -> EndEquations:
-    """Normal equations without the patches' own terms; of singular patches there are none."""
+    """Normal equations with the patches' own terms eliminated.
+
+    A patch whose own equations are singular is left out.
+    """
     problem, now = data.problem, PatchModel(data, ends, orders)
     information, pull, weighted = _information(data, now.residual, now.slope, orders)
     inverse = solve_all(information, np.broadcast_to(np.eye(TERMS), information.shape))
@@ -308,20 +316,7 @@ def eliminated(data: PatchData, ends: PatchEnds, orders: Array) -> EndEquations:
     parts = data.weight, weighted, pull
     weight, weighted, pull = (np.where(regular[:, None], part, 0.0) for part in parts)
     inverse = np.where(regular[:, None, None], inverse, 0.0)
-
-    def summed(values: Array) -> Array:
-        """Over what patches, which overlap, have at a pixel of the frame."""
-        light = problem.light
-        flat = np.bincount(data.pixels.ravel(), weights=values.ravel(), minlength=light.size)
-        return flat.reshape(light.shape)
-
-    # first with the orders held
-    parts_of = list(zip(problem.found, now.columns, strict=True))
-    matrix = np.block(
-        [[a.products(b, summed(weight * u * v)) for b, v in parts_of] for a, u in parts_of]
-    )
-    light = weight * now.residual
-    slope = np.concatenate([one.along(summed(light * u)) for one, u in parts_of])
+    matrix, slope = _of_ends(data, now, weight)
     images = zip(data.images, now.columns, strict=True)
     mixed = np.concatenate(
         [(BASIS.T * (weighted * u)[:, None]) @ one for one, u in images], axis=-1
@@ -334,6 +329,26 @@ def eliminated(data: PatchData, ends: PatchEnds, orders: Array) -> EndEquations:
     slope = slope - inner[:, -1] - (prior * away)[free]
     spread = np.where(regular, np.sqrt(inverse[:, 0, 0]), np.inf)
     return EndEquations(matrix, slope, solved[..., -1], solved[..., :-1], spread)
+
+
+def _of_ends(data: PatchData, now: PatchModel, weight: Array) -> tuple[Array, Array]:
+    """Normal equations (terms, terms), (terms,) of the free unknowns, the orders held.
+
+    Patches overlap: what they have at a pixel of the frame is summed up first.
+    """
+
+    def summed(values: Array) -> Array:
+        light = data.problem.light
+        flat = np.bincount(data.pixels.ravel(), weights=values.ravel(), minlength=light.size)
+        return flat.reshape(light.shape)
+
+    parts = list(zip(data.problem.found, now.columns, strict=True))
+    matrix = [
+        [one.products(other, summed(weight * u * v)) for other, v in parts] for one, u in parts
+    ]
+    light = weight * now.residual
+    slope = [one.along(summed(light * u)) for one, u in parts]
+    return np.block(matrix), np.concatenate(slope)
 
 
 _ROUNDS, _EVERY = 24, 4
@@ -350,14 +365,16 @@ TONES = 0.2, 5.0
 _HEAVIEST = 1e2
 _MOST = 0.5
 """Difference of a patch's residual over noise, squared, that counts at most in a comparison."""
-_PIXELS = float(offsets()[-1].sum())
-OVERLAP = max(1.0, _PIXELS / (2.0 * STRIDE**2))
-"""How often a pixel is counted, being in several patches, of which every second is used."""
+_PIXELS = float(offsets()[2].sum())
 NOT_TOLD = "frame_fringes_cannot_separate"
 _DOUBT = 40.0
 """Difference of cost, about -2 ln of the likelihood, within which two results are both possible,
 where the light is as even as it is taken for; its costs say as much less as it is beyond that."""
-_WORST_CHI = 30.0
+_BETTER = 0.97
+"""Share of its former cost below which a patch counts as better."""
+_MANY = 400
+"""Patches from which every second is left out: they overlap, and tell the same twice."""
+_WORST_CHI, _LEAST_FILLED = 30.0, 0.5
 _SPAN = 0.4 / SIDE
 """Slope of a patch that tells the tone exponent, fringes a pixel: it spans 0.4 of a fringe. A
 flatter one follows any exponent, and the noise of no-load frames, which stands in the slope and in
@@ -393,7 +410,8 @@ class Found:
 def search_all(problem: EndProblem, starts: list[Array]) -> list[Found]:
     """What each of several starts leads to.
 
-    InputError where no fringe can be followed, or where the fringes leave the unknowns open.
+    Parameters: `problem`; `starts`, vectors of its unknowns. Raises InputError where no fringe can
+    be followed, or where the fringes leave the unknowns open.
     """
     outcome = []
     for start in starts:
@@ -407,10 +425,11 @@ def search_all(problem: EndProblem, starts: list[Array]) -> list[Found]:
 
 
 def possible(*models: list[Found]) -> list[Found]:
-    """The results of other orders that the frame does not exclude, the best first.
+    """The results that the frame does not exclude, the best first.
 
     Models, such as light without and with spots, are compared by the evidence of their best, the
     results of one by their costs: what a result leaves open is no merit beside another's.
+    Parameters: the results of each model. Returns those of other orders than the ones before.
     """
     one = models[0][0]
     cost = [min(_dearer(result, one) + result.price for result in results) for results in models]
@@ -485,7 +504,10 @@ def _search(problem: EndProblem, unknowns: Array) -> Found:
 
 
 def search_on(result: Found, problem: EndProblem) -> Found:
-    """A result as one of a problem that leaves more open, by full steps on the patches in use."""
+    """A result as one of a problem that leaves more open, by full steps from where it rests.
+
+    The patches are those in use. Parameters: `result`, its unknowns those of `problem`.
+    """
     data = replace(result.data, problem=problem)
     unknowns, orders, change = result.unknowns, result.orders, result.change
     dampings, cost = _start(data, unknowns, orders)
@@ -512,7 +534,10 @@ def _damped(normal: EndEquations, damping: float) -> Array:
 def _followed(
     data: PatchData, place: tuple[Array, Array, Array], normal: EndEquations, step: Array
 ) -> tuple[float, Array, Array, Array]:
-    """Cost, unknowns, orders and damping after a step, every patch going along where it pays."""
+    """Cost and place after a step, every patch going along where that is good for it.
+
+    The place: the unknowns, the patches' orders, and their damping.
+    """
     unknowns, orders, dampings = place
     new = unknowns.copy()
     new[data.problem.free] += step
@@ -544,12 +569,12 @@ def _found(data: PatchData, unknowns: Array, orders: Array, change: float) -> Fo
     smooth = min(QUADRATICS, count)
     spots = np.repeat([False, True, False], [cut + smooth, count - smooth, 1])[free]
     covariance = np.zeros((len(unknowns), len(unknowns)))
-    inverse = np.linalg.inv(normal.matrix) * OVERLAP
+    inverse = np.linalg.inv(normal.matrix) * overlap(data)
     if not change < _REST:
         last = _damped(normal, 0.0)
         inverse = inverse + np.outer(last, last)
     prior = data.problem.prior(unknowns)[0][free]
-    precision = prior / OVERLAP
+    precision = prior / overlap(data)
     larger = spots_beyond_prior(inverse, unknowns[free], precision, spots)
     covariance[np.ix_(free, free)] = as_spotted(inverse, precision, spots, larger)
     price = -np.linalg.slogdet(inverse)[1] - np.log(prior[prior > 0.0]).sum()
@@ -567,13 +592,15 @@ def _found(data: PatchData, unknowns: Array, orders: Array, change: float) -> Fo
 def fresh_patches(
     problem: EndProblem, unknowns: Array, before: tuple[PatchData, Array] | None = None
 ) -> tuple[PatchData, Array, float]:
-    """Patches fitted anew but where they were better, their orders, and the share better anew.
+    """Patches fitted anew at some unknowns, but kept where they were better.
 
-    InputError where too few can be followed.
+    Parameters: `problem`; `unknowns` (terms,); `before`, the patches in use and their orders, if
+    any. Returns the patches, their orders, and the share that was better anew. Raises InputError
+    where too few can be followed.
     """
-    index, places, window, start = _fitted(problem, unknowns)
+    index, places, window, start, thinned = _fitted(problem, unknowns)
     _check_number(len(index))
-    data = _data(problem, index, places, window, np.ones(len(index)))
+    data = _data(problem, index, places, window, np.ones(len(index)), thinned)
     ends = ends_at(data, unknowns)
     orders, cost, _ = refine_ends(data, ends, start, np.full(len(index), 1e-2), 3)
     stale = 1.0
@@ -584,14 +611,14 @@ def fresh_patches(
         old[latter] = before[1][former]
         was[latter] = PatchModel(data, ends, old).cost[latter]
         orders = np.asarray(np.where((was <= cost)[:, None], old, orders))
-        stale = float(np.mean(cost < (1.0 - _STALE) * was))
+        stale = float(np.mean(cost < _BETTER * was - 0.02 * data.window))
     misfit = PatchModel(data, ends, orders).residual
     chi = np.sqrt(np.einsum("pk,pk,pk->p", data.weight, misfit, misfit) / data.window)
     good = (chi < _WORST_CHI) & (np.abs(orders[:, 1:3]).max(axis=1) < LARGEST_CHANGE)
     if problem.tone and any(problem.given):
         good &= np.hypot(orders[:, 1], orders[:, 2]) > _SPAN
     _check_number(int(np.count_nonzero(good)))
-    data = _data(problem, index[good], places[good], window[good], chi[good])
+    data = _data(problem, index[good], places[good], window[good], chi[good], thinned)
     return data, orders[good], stale
 
 
@@ -601,8 +628,8 @@ def _check_number(patches: int) -> None:
         raise InputError("too_few_fringes_can")
 
 
-def _fitted(problem: EndProblem, unknowns: Array) -> tuple[Indices, Indices, Array, Array]:
-    """The normalised frame's patches: index, middles, weights, terms."""
+def _fitted(problem: EndProblem, unknowns: Array) -> tuple[Indices, Indices, Array, Array, bool]:
+    """The normalised frame's patches: index, middles, weights, terms; whether thinned."""
     dark, bright = problem.ends(unknowns)
     g, contrast = unknowns[-1], bright - dark
     lit = problem.valid & (contrast > DIMMEST * problem.scale**g)
@@ -611,9 +638,12 @@ def _fitted(problem: EndProblem, unknowns: Array) -> tuple[Indices, Indices, Arr
     linear = problem.light if g == 1.0 else level**g
     sigma = 2.0 * g * level ** (g - 1.0) * problem.sigma / safe
     light = gather_patches(1.0 - 2.0 * (linear - dark) / safe, sigma, lit)  # cos 2 pi N
-    row, col = np.indices((len(light.rows), len(light.cols)))
-    # every second: they overlap, and tell the same twice
-    index = np.flatnonzero((light.filled > LEAST_FILLED) & ((row + col) % 2 == 0).ravel())
+    use = light.filled > _LEAST_FILLED
+    thinned = bool(np.count_nonzero(use) > _MANY)
+    if thinned:
+        row, col = np.indices((len(light.rows), len(light.cols)))
+        use &= ((row + col) % 2 == 0).ravel()
+    index = np.flatnonzero(use)
     _check_number(len(index))
     fitted = fit_patches(light.only(index))
     good = fitted.chi[0] < _WORST_CHI
@@ -621,11 +651,11 @@ def _fitted(problem: EndProblem, unknowns: Array) -> tuple[Indices, Indices, Arr
     terms = np.zeros((len(index), TERMS))
     terms[:, :6] = fitted.terms[0, good]
     places = np.stack(np.meshgrid(light.rows, light.cols, indexing="ij"), axis=-1).reshape(-1, 2)
-    return index, places[index], light.weight[index].astype(float), terms
+    return index, places[index], light.weight[index].astype(float), terms, thinned
 
 
 def _data(
-    problem: EndProblem, index: Indices, places: Indices, window: Array, chi: Array
+    problem: EndProblem, index: Indices, places: Indices, window: Array, chi: Array, thinned: bool
 ) -> PatchData:
     """The patches' pixels; one that no cubic describes counts for less."""
     dy, dx, _ = offsets()
@@ -634,5 +664,11 @@ def _data(
     return PatchData(
         problem=problem, index=index, light=problem.light[rows, cols], weight=window / noise**2,
         pixels=rows * problem.light.shape[1] + cols,
-        window=np.maximum(window.sum(axis=1), 1e-9), chi=chi,
+        window=np.maximum(window.sum(axis=1), 1e-9), chi=chi, thinned=thinned,
     )  # fmt: skip
+
+
+def overlap(data: PatchData) -> float:
+    """How often a pixel was counted, being in several patches; `data`, those in use."""
+    stride = STRIDE * (np.sqrt(2.0) if data.thinned else 1.0)
+    return float(max(1.0, offsets()[2].sum() / stride**2))

@@ -41,20 +41,17 @@ from scipy.ndimage import label
 
 from isochrome.fringes.on_branch import (
     LARGEST_UNCERTAINTY,
-    NOTABLE,
-    STEEPEST,
     OrderReading,
     less_sure,
     make_reading,
+    moved_by_light,
     stray_variance,
 )
 from isochrome.fringes.single_frame.patches import (
     FADED,
-    FAINTEST,
     HALF,
     LEAST_FILLED,
     SIDE,
-    SMALLEST,
     STRIDE,
     Labels,
     Patches,
@@ -87,20 +84,15 @@ from isochrome.fringes.single_frame.stated_orders import (
     turned_to,
     zero_lines,
 )
-from isochrome.fringes.windows import (
-    LIGHT_ERROR,
-    MOSTLY,
-    ROUNDS,
-    TURN,
-    Array,
-    Mask,
-    innermost,
-    nearest_known,
-)
+from isochrome.fringes.windows import DIMMEST, TURN, Array, Mask, innermost, nearest_known
 from isochrome.messages import message
 
 _SOME = 0.05
 """Share of the patches that have lost as much."""
+_FEWEST = 30
+_FINEST = 0.2
+"""Fringes a bin beyond which a bin says nothing of the light's contrast."""
+_ROUNDS = 6
 _OUTLIER = 2.0
 """Robust deviations from which a patch counts for less."""
 
@@ -122,12 +114,16 @@ class Contrast:
 
 
 def with_told(patches: Patches, by: int, wider: Array | None) -> Patches:
-    """Patches of bins, without their own blur, and wider ones' contrast where they tell none."""
+    """Patches with the contrast that wider ones tell where they tell none.
+
+    Parameters: `patches` of bins of `by` pixels, whose own blur is taken out; `wider` by wider ones
+    (m, n), NaN where nothing is, None for none. Returns Patches.
+    """
     contrast = patches.contrast
     if by > 1:
         slope = np.hypot(patches.terms[..., 1], patches.terms[..., 2])
         lost = Contrast(blur=(1.0 - by**-2.0) / 12.0).left(np.zeros_like(slope), slope)
-        contrast = np.where(slope < STEEPEST, contrast / lost, np.nan)
+        contrast = np.where(slope < _FINEST, contrast / lost, np.nan)
     return replace(
         patches, contrast=contrast if wider is None else np.where(contrast > 0.0, contrast, wider)
     )
@@ -140,12 +136,14 @@ def everywhere(contrast: Array) -> Array:
 
 
 def fit_contrast(patches: Patches, terms: Array) -> Contrast:
-    """What fringes lose, by patches whose order is known; nothing where too few tell.
+    """Find what fringes lose from patches whose order is known.
 
     Least squares of both variances, neither negative, patches off the law counting for less.
+    Parameters: `patches`; `terms` (m, n, 6) of their signed order, NaN = not known. Returns the
+    Contrast, of no loss where too few patches tell.
     """
-    use = np.isfinite(terms[..., 0]) & (patches.contrast > FAINTEST)
-    if np.count_nonzero(use) < SMALLEST:
+    use = np.isfinite(terms[..., 0]) & (patches.contrast > DIMMEST)
+    if np.count_nonzero(use) < _FEWEST:
         return Contrast()
     from scipy.optimize import nnls
 
@@ -153,7 +151,7 @@ def fit_contrast(patches: Patches, terms: Array) -> Contrast:
     lost = -2.0 * np.log(patches.contrast[use]) / TURN**2
     causes = np.stack([known[:, 1] ** 2 + known[:, 2] ** 2, known[:, 0] ** 2], axis=-1)
     weight = np.ones(len(lost))
-    for _ in range(ROUNDS):
+    for _ in range(_ROUNDS):
         result, _ = nnls(causes * weight[:, None], lost * weight)
         away = np.abs(lost - causes @ result)
         scale = max(1.4826 * float(np.median(away)), 1e-6)
@@ -162,7 +160,10 @@ def fit_contrast(patches: Patches, terms: Array) -> Contrast:
 
 
 def contrast_map(patches: Patches, terms: Array, law: Contrast, shape: tuple[int, ...]) -> Array:
-    """The contrast at each pixel; where no order is known, that of the nearest patch."""
+    """The contrast at each pixel (rows, cols); where no order is known, that of the nearest patch.
+
+    Parameters: `patches`; `terms` (m, n, 6), NaN = not known; `law`; `shape` of the frame.
+    """
     near = nearest_known(terms, np.isfinite(terms[..., 0]))
     contrast = law.left(near[..., 0], np.hypot(near[..., 1], near[..., 2]))
     down, across = (
@@ -177,6 +178,10 @@ _ALONE = 0.1
 _TELLABLE = 0.2
 """Fringes between two answers that a known order tells apart: closer to a line than half of that it
 says the line, and not the side."""
+_SHARP = 0.1
+"""Share of the difference of two answers that the light may move them by where a point is asked."""
+_DOUBTFUL = 0.003
+"""Uncertainty of the signal by the ends of the light from which a line of N = 0 must be known."""
 APART = 0.5
 """Fringes between two orders from which any known order contradicts one: it may be off by .24."""
 
@@ -215,7 +220,7 @@ def _one_part(patches: Patches, part: Array, given: list[Stated], error: Array) 
     if rivals:
         return _of_rivals(patches, part, given, (best, *rivals), error)
     sure = [g for g in given if g.fits(best)]
-    doubtful = float(np.median(error[np.isfinite(part[..., 0])])) > LIGHT_ERROR
+    doubtful = float(np.median(error[np.isfinite(part[..., 0])])) > _DOUBTFUL
     if lines[best] and (doubtful or all(g.on_line for g in sure)):
         return _unknown(part, sure, f"{sure[0]}: " + message("order_would_along_line"))
     return _with_seams(patches, part, given, best, error)
@@ -224,7 +229,10 @@ def _one_part(patches: Patches, part: Array, given: list[Stated], error: Array) 
 def _of_rivals(
     patches: Patches, part: Array, given: list[Stated], rivals: Sequence[int], error: Array
 ) -> Anchored:
-    """The first of some equally likely shifts that seams make fit all that is known, if any."""
+    """The first of some equally likely shifts that seams make fit all that is known.
+
+    Else nothing is known, and why.
+    """
     for j in rivals:
         if not all(p.fits(j) for g in given for p in g.places):
             result = _with_seams(patches, part, given, j, error)
@@ -287,7 +295,10 @@ def _zero_said(j: int, given: list[Stated]) -> list[ZeroPlace]:
 
 
 def _beyond_seam(patches: Patches, terms: Array, beyond: Mask, crest: int, error: Array) -> str:
-    """What to say of patches whose branch the light does not settle, and which point would."""
+    """What to say of patches whose branch the light does not settle.
+
+    A point is asked for where the light is known well enough for its answer to be the order.
+    """
     order = terms[..., 0]
     mirrored = np.abs(crest - order)
     share = 100.0 * beyond.sum() / max(1, np.isfinite(order).sum())
@@ -296,10 +307,8 @@ def _beyond_seam(patches: Patches, terms: Array, beyond: Mask, crest: int, error
     most = float(np.nanmax(apart))
     if most < _TELLABLE:
         return message("lies_within_line_order", said=note, most=0.5 * most)
-    # how far an error e of the signal moves an order N: min(e/(pi |sin 2 pi N|), sqrt(e)/pi)
-    slope = np.pi * np.abs(np.sin(TURN * np.where(beyond, order, 0.0)))
-    moved = np.minimum(error / np.maximum(slope, 1e-9), np.sqrt(error) / np.pi)
-    lit = (apart >= _TELLABLE) & (moved < LARGEST_UNCERTAINTY)
+    moved = moved_by_light(np.where(beyond, order, 0.0), error)
+    lit = (apart >= _TELLABLE) & (moved < np.minimum(LARGEST_UNCERTAINTY, _SHARP * apart))
     if not lit.any():
         return message("nor_light_there_give", said=note)
     differ = np.where(lit, apart, np.nan)
@@ -311,7 +320,10 @@ def _beyond_seam(patches: Patches, terms: Array, beyond: Mask, crest: int, error
 
 
 def clearly_apart(difference: Array) -> Mask:
-    """Where two orders differ by d > min(1/2, max(d)/2), so that a known one tells them apart."""
+    """Where two orders differ enough for a known one to tell them apart, else where most.
+
+    Equation: d > min(1/2, max(d)/2), d the `difference` (rows, cols), NaN where nothing is asked.
+    """
     return np.asarray(difference > min(APART, 0.5 * float(np.nanmax(difference))))
 
 
@@ -343,8 +355,13 @@ _LEAST_PIXELS = 7 * SIDE // 2
 """Pixels, after binning, of the shorter side of a frame: three patches and a half without overlap.
 """
 _LEAST_COVER = 0.15
+_CONTRAST_ROUNDS, _MOSTLY = 4, 98.0
+"""Readings at most with a contrast found from the last, and per cent of the frame that must rest.
+"""
 _GROUND = 1e-3
 """Standard deviation of what a quadratic cannot follow, added to a patch's own, fringes."""
+_WORTH_SAYING = 0.01
+"""Share of what is read that another light must take away before it is said."""
 
 
 @dataclass(frozen=True)
@@ -368,7 +385,9 @@ def read_free(
     """Read the fringe order of a normalised frame `wave`, cos 2 pi N, without a model.
 
     Each part that is wanted needs a point, a line or a corner that is `known`. `error`: uncertainty
-    of (1 - cos 2 pi N)/2 by the ends of the light. InputError: the frame is smaller than a patch.
+    of the signal (1 - cos 2 pi N)/2 by the ends of the light: from 0.003 on in the median a line of
+    N = 0, which stands for N = 1 in a wrong light, must be known. InputError: the frame is smaller
+    than a patch.
     """
     followed, fade = follow_fringes(wave, sigma, valid, known, error=error)
     result = followed.anchored(known)
@@ -400,7 +419,10 @@ class FollowedFringes:
     unlit: Array = field(repr=False)
 
     def anchored(self, known: KnownOrders) -> Anchored:
-        """The orders of the patches by what is `known`: whole numbers, and sides of open seams."""
+        """The signed orders of the patches by what is `known`, and what is to be said.
+
+        The whole number of each part where an order is known is chosen, and the side of open seams.
+        """
         patches, labels = self.patches, self.labels
         at_corners, notes = corner_orders(known.corners, patches, labels, self.wave, self.valid)
         terms = np.full_like(patches.terms, np.nan)
@@ -445,24 +467,25 @@ class FollowedFringes:
 def follow_fringes(
     wave: Array, sigma: Array, valid: Mask, known: KnownOrders, *, error: Array
 ) -> tuple[FollowedFringes, Array]:
-    """What could be followed without a known order, and what is left of the contrast.
+    """Follow the fringes of a normalised frame as far as they can be without a known order.
 
     Low orders of wide fringes lose next to nothing of their contrast and tell what the others lose:
     where contrast is lost, and there alone, what is followed grows from them by what is `known`.
+    Arrays as in `read_free`. Returns what could be followed, and what is left of the contrast.
     """
 
     fade = np.ones(wave.shape)
     patches, labels = _coarse_to_fine(wave, sigma, valid)
     contrast = patches.contrast[(patches.filled > LEAST_FILLED) & np.isfinite(patches.contrast)]
     # so much is lost that it must be reckoned with
-    faded = bool(len(contrast) >= SMALLEST and np.mean(contrast < 1.0 - FADED) > _SOME)
+    faded = bool(len(contrast) >= _FEWEST and np.mean(contrast < 1.0 - FADED) > _SOME)
 
     def followed(patches: Patches, labels: Labels, wave: Array) -> FollowedFringes:
         return FollowedFringes(faded, patches, labels, wave, valid, _at(error, patches))
 
     if faded:
         patches, labels = _coarse_to_fine(wave, sigma, valid, faded=True)
-        for _ in range(ROUNDS):
+        for _ in range(_CONTRAST_ROUNDS):
             result = followed(patches, labels, wave / fade).anchored(known)
             if not np.isfinite(result.terms).any():
                 break
@@ -471,7 +494,7 @@ def follow_fringes(
             law = fit_contrast(unfaded, result.terms)
             fade = contrast_map(patches, result.terms, law, wave.shape)
             patches, labels = _coarse_to_fine(wave / fade, sigma / fade, valid, faded=True)
-            if np.percentile(np.abs(fade - before)[valid], MOSTLY) < FADED:
+            if np.percentile(np.abs(fade - before)[valid], _MOSTLY) < FADED:
                 break
     return followed(patches, labels, wave / fade), fade
 
@@ -556,22 +579,8 @@ def common_reading(readings: Sequence[FreeReading]) -> FreeReading:
         return best
     error = _disagreement(best.reading.order, orders)
     reading = less_sure(best.reading, error, LARGEST_UNCERTAINTY)
-    before = best.reading.order
-    lost = np.isfinite(before) & ~np.isfinite(reading.order)
-    share = float(lost.sum() / max(1, int(np.isfinite(before).sum())))
-    if share < NOTABLE:
-        return replace(best, reading=reading)
-    note = message("another_smooth_light_explains", share=100.0 * share)
-    for order in orders:
-        away = np.where(lost, np.abs(order - before), np.nan)
-        if (away > APART).any():  # else no known order rules either light out
-            at = innermost(clearly_apart(away))
-            first, second = sorted((float(before[at]), float(order[at])))
-            note += message(
-                "known_order_row_column", at=at[0], at_2=at[1], first=first, second=second
-            )
-            break
-    return replace(best, reading=reading, said=(*best.said, note))
+    note = _of_what_is_lost(best.reading, reading, orders)
+    return replace(best, reading=reading, said=(*best.said, *note))
 
 
 def common_orders(
@@ -598,3 +607,23 @@ def _disagreement(order: Array, orders: Sequence[Array]) -> Array:
     """How far others are from an order, root sum of squares; inf where one is not known."""
     square = np.sum([(order - other) ** 2 for other in orders], axis=0)
     return np.sqrt(np.where(np.isnan(square), np.inf, square))
+
+
+def _of_what_is_lost(before: OrderReading, after: OrderReading, orders: list[Array]) -> list[str]:
+    """What to say of pixels that other lights take away."""
+    read = np.isfinite(before.order)
+    lost = read & ~np.isfinite(after.order)
+    share = float(lost.sum() / max(1, int(read.sum())))
+    if share < _WORTH_SAYING:
+        return []
+    note = message("another_smooth_light_explains", share=100.0 * share)
+    for order in orders:
+        away = np.where(lost, np.abs(order - before.order), np.nan)
+        if (away > APART).any():  # else no known order rules either light out
+            at = innermost(clearly_apart(away))
+            first, second = sorted((float(before.order[at]), float(order[at])))
+            note += message(
+                "known_order_row_column", at=at[0], at_2=at[1], first=first, second=second
+            )
+            break
+    return [note]

@@ -38,8 +38,6 @@ from isochrome.estimation import State, minimise_all, sandwich, solve_all, total
 from isochrome.fringes.on_branch import SURE
 from isochrome.fringes.windows import (
     LARGEST_CHANGE,
-    LIGHT_ERROR,
-    ROUNDS,
     TURN,
     Array,
     Indices,
@@ -51,22 +49,25 @@ from isochrome.fringes.windows import (
 HALF, STRIDE = 6, 5
 """Half-width of a patch and distance of their middles, pixels."""
 SIDE = 2 * HALF + 1
-_WINDOW, _FREQUENCY_WINDOW = 3.0, 2.5
+_WINDOW = 3.0
+_FREQUENCY_WINDOW = 2.5
 _GRADIENT, _CURVATURE = 0.7, 0.02
 """Prior standard deviations, fringes/px and fringes/px²; what bends more is no quadratic."""
 _FINE, _CLEAR = 1.0, 8.0
 """Radians a pixel from which fringes are fine, and how far they must stand above noise."""
+_ROUNDS = 8
 WORST_CHI = 1.6
 """Residual over noise from which a quadratic does not describe its patch."""
+_FLOOR = 1e-3
 _ROUNDING = float(np.finfo(np.float32).eps) * SIDE
 """Of a patch's sums in single precision: what they are not known to, and must not make singular."""
 _BALANCE = 0.3
 """Share of a patch's light on crests, and on flanks, from which it tells contrast from order."""
 _LIKE = 0.8
 """Share of a patch's light, squared, that must be its cosine."""
-FADED, FAINTEST = 0.05, 0.1
-"""Contrast that is lost from which it moves the order by more than its uncertainty, and that which
-tells nothing."""
+FADED, _OWN_CONTRAST = 0.05, (0.15, 1.3)
+"""Contrast that is lost from which it moves the order by more than its uncertainty, and what a
+patch's own may be."""
 BEND = np.array([0.004, 0.001, 4e-4])[[i + j for i, j in total_degree(2)]]
 """What two quadratics differ by half-way without noise: fringes, fringes/px, fringes/px²; and"""
 _STEEP_BEND = 0.03
@@ -145,9 +146,11 @@ class PatchLight:
 
 
 def gather_patches(wave: Array, sigma: Array, valid: Mask) -> PatchLight:
-    """Cut a normalised frame, c = cos 2 pi N, into patches from border to border.
+    """Cut a normalised frame into patches.
 
-    InputError where the frame is smaller than a patch.
+    Parameters: `wave` c = cos 2 pi N (rows, cols); `sigma`, its noise (rows, cols); `valid`, True =
+    trusted. Returns a PatchLight that covers the frame from border to border. Raises InputError
+    where the frame is smaller than a patch.
     """
     if min(wave.shape) < SIDE:
         rows, cols = wave.shape
@@ -168,7 +171,7 @@ def gather_patches(wave: Array, sigma: Array, valid: Mask) -> PatchLight:
     return PatchLight(
         rows=rows, cols=cols, light=np.where(trusted, wave[pick], 0.0).astype(np.float32),
         weight=(window * trusted).astype(np.float32),
-        noise=np.maximum(sigma[at][:, 0], LIGHT_ERROR).astype(np.float32),
+        noise=np.maximum(sigma[at][:, 0], _FLOOR).astype(np.float32),
         gradient=np.stack(gradient, axis=-1).astype(np.float32), body=body,
     )  # fmt: skip
 
@@ -182,9 +185,10 @@ def fit_patches(
 ) -> Patches:
     """Fit a quadratic of the order to each patch of a frame.
 
-    `expected`: terms (m, n, 6) known beforehand, NaN where none are, and their deviations. A patch
-    that fits these badly is fitted again without; with `deviation` one that tells another contrast
-    is fitted with that.
+    Parameters: `patches`; `expected`, terms that are known beforehand (m, n, 6), NaN where none
+    are, and their standard deviations; `contrast`, the fringes' (m, n), 1 if not given. A patch
+    that fits its expectation badly is fitted again without; with `deviation` one that tells another
+    contrast is fitted with that. Returns Patches.
     """
     if contrast is None:
         contrast = np.ones((len(patches.rows), len(patches.cols)))
@@ -192,7 +196,10 @@ def fit_patches(
     fitted = _fit_given(patches.over(scale), expected)
     fitted = replace(fitted, contrast=fitted.contrast * contrast)
     measured = fitted.contrast.ravel()
-    off = np.flatnonzero((np.abs(measured - scale) > FADED * scale) & (measured > FAINTEST))
+    least, most = _OWN_CONTRAST
+    off = np.flatnonzero(
+        (np.abs(measured - scale) > FADED * scale) & (measured > least) & (measured < most)
+    )
     if deviation and len(off):
         scale = measured[off].astype(np.float32)
         start = fitted.terms.reshape(-1, 6)[off].astype(np.float32)
@@ -312,7 +319,7 @@ def _refine(patches: PatchLight, terms: Array, mean: Array, prior: Array) -> Pat
         matrix[:, diagonal, diagonal] += prior + 1e-3
         return np.asarray(matrix)
 
-    terms, (_, sine, residual), _ = minimise_all(at, equations, terms, damping, steps=ROUNDS)
+    terms, (_, sine, residual), _ = minimise_all(at, equations, terms, damping, steps=_ROUNDS)
     # the window's weights are no variances: those of a weighted sum are the weights' squares
     inverse = solve_all(information_of(sine), np.broadcast_to(np.eye(6), (len(terms), 6, 6)))
     squared = ((weight * sine) ** 2 @ pairs).reshape(-1, 6, 6) * (TURN**2 * gain)[..., None]
@@ -343,7 +350,12 @@ def _contrast(weight: Array, light: Array, cosine: Array) -> Array:
 
 
 def neighbours(patches: Patches, terms: Array) -> list[Array]:
-    """Patches' numbers, their neighbours' a step on, both's terms half-way, and their variance."""
+    """Patches and their neighbours a step on, and what both say of the order half-way.
+
+    Parameters: `patches`; `terms` (m, n, 6), theirs or their labelled ones. Returns of all steps
+    the patches' numbers (k,), their neighbours', both's terms half-way (k, 6), and the variance of
+    the difference of these (k, 6).
+    """
     pairs = []
     m, n = patches.chi.shape
     number = np.arange(m * n).reshape(m, n)
@@ -399,7 +411,10 @@ class Labels:
 
 
 def label_patches(patches: Patches) -> Labels:
-    """Settle signs and whole numbers over a frame; parts are numbered from the largest, 0."""
+    """Settle signs and whole numbers over a frame.
+
+    Parameters: `patches`. Returns Labels; parts are numbered from the largest, 0.
+    """
     shape, count = patches.chi.shape, patches.chi.size
     good = (patches.filled > LEAST_FILLED) & (patches.spread[..., 0] < SURE)
     good = (good & (patches.chi < WORST_CHI)).ravel()
@@ -423,10 +438,12 @@ def label_patches(patches: Patches) -> Labels:
 def expected_terms(
     patches: Patches, labels: Labels, rows: Array, cols: Array, finer: int
 ) -> tuple[Array, Array]:
-    """What a binned frame's patches say of a finer one's, with deviations (m, n, 6) each.
+    """What a binned frame's patches say of the quadratics of a finer one.
 
-    In its pixels, `finer` of which make one, at places in the binned frame; in the signs of the
-    nearest patch's part, NaN where that is no good.
+    Parameters: `patches`, `labels` of the binned frame; `rows` (m,), `cols` (n,), places in it
+    where terms are wanted, pixels; `finer`, how many pixels of the finer frame make one of its.
+    Returns the terms in the finer frame's pixels (m, n, 6), in the signs of the nearest patch's
+    part, NaN where that is no good, and their standard deviations.
     """
     near = nearest_patches(patches, rows, cols)
     i, j = near[0].ravel(), near[1].ravel()

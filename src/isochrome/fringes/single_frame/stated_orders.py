@@ -35,7 +35,7 @@ from scipy.sparse.csgraph import breadth_first_order, connected_components, maxi
 from skimage.measure import label
 from skimage.segmentation import expand_labels
 
-from isochrome.fringes.on_branch import BRANCH, LARGEST_UNCERTAINTY, SURE, WINDOW_PX
+from isochrome.fringes.on_branch import BRANCH, SURE
 from isochrome.fringes.single_frame.patches import (
     HALF,
     SMALLEST,
@@ -57,13 +57,15 @@ _SETTLED = 0.5
 _SETTLED_ZERO = 0.95
 """The same where turning over takes a line of N = 0 away, which a loaded body hardly has: every
 edge must then speak against it."""
-NOUGHT, FEWEST_PATCHES = 0.1, 6
-"""Fringes beyond nought, and patches, on either side of a line of N = 0."""
-_BANDS = (NOUGHT, LARGEST_UNCERTAINTY)
+_BANDS = (0.1, 0.03)
 """Half-widths, in fringes, of what counts as near a crest. The wide one leaves a seam its way round
 patches that noise has thrown off; the narrow one sees corners that lie just beyond the crest."""
+NOUGHT, FEWEST_PATCHES = 0.1, 6
+"""Fringes beyond nought, and patches, on either side of a line of N = 0."""
 _NEAR = 3
 """Patches about a known point in which it says such a line."""
+_ALIKE = 0.015
+"""Distance from a crest, in fringes, at which a patch and its mirror image are as good as one."""
 _PASSES = 20
 _PER_UNIT = 100.0
 
@@ -92,7 +94,10 @@ class _Seam:
 
 
 def mend_mirrored(patches: Patches, labels: Labels) -> Labels:
-    """Turn regions back that are mirrored about a crest against what the patches there say."""
+    """Turn regions back that are mirrored about a crest against what the patches there say.
+
+    Parameters: `patches` and their `labels`. Returns Labels of no more contradictions.
+    """
     sign, shift = labels.sign.copy(), labels.shift.copy()
     for part in range(int(labels.part.max()) + 1):
         inside = labels.part == part
@@ -108,7 +113,11 @@ def mend_mirrored(patches: Patches, labels: Labels) -> Labels:
 
 
 def zero_lines(order: Array, known: Sequence[ZeroPlace] = ()) -> int:
-    """The number of lines of N = 0, between regions of either sign, that nothing known says."""
+    """The number of lines of N = 0 of which nothing known says that they are.
+
+    Each parts a region of positive signed `order` (m, n) from one of negative; `known`: a patch on
+    such a line, or two on its two sides.
+    """
     labels = np.zeros(order.shape, dtype=int)
     for side in (order > NOUGHT, order < -NOUGHT):
         regions_of = label(side, connectivity=1)
@@ -136,19 +145,19 @@ def _says(place: ZeroPlace, regions: Indices, line: frozenset[int]) -> bool:
 def open_seams(
     patches: Patches, terms: Array, points: Sequence[AnchorPatch], known: Sequence[ZeroPlace]
 ) -> list[tuple[int, Mask]]:
-    """Crests, in half fringes, and the patches beyond them whose branch the light does not settle.
+    """Patches whose branch the light does not settle from where the order is known.
 
-    `points`, where the order is known; `known`, where lines of N = 0 are. Mirroring about n = 0
-    changes no order and is left out.
+    Parameters: `patches`; `terms` (m, n, 6) of the signed order, NaN = not known; `points`,
+    where it is known; `known`, where lines of N = 0 are. Returns for each seam its crest (in half
+    fringes) and the patches beyond it (m, n), each patch once.
+    Mirroring about n = 0 changes no order and is left out.
     """
     order = terms[..., 0]
     unsure = np.zeros(terms.shape[:2], dtype=bool)
     result = []
     seams = _not_settled(patches, terms, points, known)
     for seam in sorted(seams, key=lambda s: -int(s.beyond.sum())):
-        # a patch and its mirror image that differ by less are as good as one
-        apart = np.abs(2.0 * order - seam.crest) > LARGEST_UNCERTAINTY
-        beyond = seam.beyond & apart & ~unsure
+        beyond = seam.beyond & (np.abs(order - 0.5 * seam.crest) > _ALIKE) & ~unsure
         if beyond.any():
             unsure |= beyond
             result.append((seam.crest, beyond))
@@ -173,7 +182,10 @@ def _not_settled(
 def _seams(
     patches: Patches, terms: Array, points: Sequence[AnchorPatch] | None = None
 ) -> Iterator[_Seam]:
-    """The least costly seam of each region beyond each crest, seen from points that say a side."""
+    """The least costly seam of each region beyond each crest, seen from the points.
+
+    Without points that say a side of the crest, from the largest region.
+    """
     shape, order = terms.shape[:2], terms[..., 0].ravel()
     known = np.isfinite(order)
     if not known.any():
@@ -364,10 +376,11 @@ def turned_to(
     given: Stated,
     p: StatedPlace,
 ) -> Array | None:
-    """The terms with an open seam closed as a place beyond it says; None where it fits neither way.
+    """The terms (m, n, 6) with an open seam closed as a place beyond it says.
 
     As they are where the place fits, since another place of its line has closed it, or roughly, and
-    better beyond no seam. `used`, what they are known by.
+    better beyond no seam; None where it fits neither way. `used`, what they are known by, `known`
+    as in `open_seams`.
     """
     now, order = float(p.basis @ terms[p.patch]), given.known.order
     miss = abs(abs(now) - order)
@@ -392,7 +405,11 @@ def turned_to(
 def stated_place(
     patches: Patches, labels: Labels, terms: Array, known: KnownPlaces, place: tuple[float, float]
 ) -> StatedPlace:
-    """What the patch about a place says of it; about a point on a flat crest, one beside it."""
+    """What the patch about a place says of it, by the parts' `terms` (m, n, 6).
+
+    About a single point that may be one on a flat crest, which is not followed: then one beside it
+    on the same body.
+    """
     row, col = place
     away = np.hypot(patches.rows[:, None] - row, patches.cols[None, :] - col)
     nearest = np.unravel_index(away.argmin(), away.shape)
@@ -420,7 +437,8 @@ def stated_place(
 def _above(values: Array, patch: tuple[int, int], at: float) -> float:
     """How far a field lies above the nearest square about a patch that is all above or below it.
 
-    Nought where some of the square lies above and some below, or half is not known (NaN).
+    Parameters: `values` (m, n), NaN outside the part; `patch`; `at`, the field there. Returns
+    nought where some of the square about it lies above and some below, or half is not known.
     """
     away = np.abs(np.indices(values.shape) - np.reshape(patch, (2, 1, 1))).max(axis=0)
     for k in range(1, int(away.max()) + 1):
@@ -479,6 +497,7 @@ _HIDDEN_RISE = 0.5
 """Fringes by which the order may at most have risen there: less than the next dark."""
 _DARK = 0.3
 """The light c above which the order is within 0.2 of a whole number."""
+_POOLED_PX = 1.5
 _BESIDE_DEG, _FEWEST = 20.0, 3
 """Angle beyond the corner's sides, and patches there, that are no specimen's."""
 
@@ -486,10 +505,14 @@ _BESIDE_DEG, _FEWEST = 20.0, 3
 def corner_orders(
     corners: Sequence[FreeCorner], patches: Patches, labels: Labels, wave: Array, valid: Mask
 ) -> tuple[list[KnownPlaces], list[str]]:
-    """Known orders of patches beside free corners, and what to say where there is none."""
+    """Known orders of patches beside free corners, and what to say where there is none.
+
+    Parameters: `corners`; `patches` and their `labels`; `wave`, the light c (rows, cols); `valid`,
+    True = trusted (rows, cols).
+    """
     known, notes = [], []
-    trusted = gaussian(valid.astype(float), WINDOW_PX)
-    pooled = gaussian(np.where(valid, wave, 0.0), WINDOW_PX) / np.maximum(trusted, 1e-9)
+    trusted = gaussian(valid.astype(float), _POOLED_PX)
+    pooled = gaussian(np.where(valid, wave, 0.0), _POOLED_PX) / np.maximum(trusted, 1e-9)
     light = np.where(valid, pooled, np.nan)
     for corner in corners:
         result = _carried(corner, patches, labels, light)
