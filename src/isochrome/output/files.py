@@ -249,7 +249,7 @@ def read_given_table(path: Path, what: str) -> GivenTable:
     except csv.Error as error:
         raise InputError("no_table_check_file", path=path, what=what, error=error) from error
     header = [cell.strip() for cell in cells[0]]
-    has_names = any(math.isnan(_number(cell, commas=True)) for cell in header)
+    has_names = not all(_is_number(cell) for cell in header)
     names = tuple(header) if has_names else ()
     rows, places = cells[has_names:], [number for number, _ in lines[has_names:]]
     _check_lengths("line_has_cells_first", path, header, zip(places, rows, strict=True))
@@ -277,6 +277,15 @@ def _number(cell: str, *, commas: bool) -> float:
         return math.nan if "_" in cell else float(cell.replace(",", ".") if commas else cell)
     except ValueError:
         return math.nan
+
+
+def _is_number(cell: str) -> bool:
+    """Also NaN: a first line that has one is a line of numbers."""
+    try:
+        float(cell.replace(",", "."))
+    except ValueError:
+        return False
+    return True
 
 
 DIGITS = 9
