@@ -275,10 +275,10 @@ class FrameSolution(Askable):
 
     @cached_property
     def _below(self) -> Mask:
-        """Pixels of all trials: blocks that the surface may cut show where it lies, and others'
-        slopes made up for what these were off by."""
+        """Pixels of all trials, from half a block below the surface on: blocks that it cuts as it
+        moves show where it lies, and what takes any form made up for what these were off by."""
         scene, shape = through_a_lens(self.fit.scene), self.data.shape
-        return fit_region(scene, shape, 1, hidden_px(scene) + block_side(shape))
+        return fit_region(scene, shape, 1, hidden_px(scene) + 0.5 * block_side(shape))
 
     @cached_property
     def _block_noise(self) -> float:
