@@ -375,7 +375,7 @@ class Evidence:
             others[np.concatenate([self.places[k] for k in of_thing])] = False
             at, size = self.places_of((one,))
             matrix, log = _eliminated(
-                self._matrix[np.ix_(at, at)] * size * size[:, None] + np.eye(len(at)),
+                self._sized((one,))[0][:-1, :-1],
                 self._matrix[at][:, others] * size[:, None],
                 self._matrix[np.ix_(others, others)],
             )

@@ -198,13 +198,9 @@ def scaled_inverse(matrix: Array, cutoff: float = 1e-12) -> Array:
     """
     from scipy.linalg.lapack import dpotri
 
-    scale, scaled = _to_unit_diagonal(matrix)
-    factor = _factor(scaled, cutoff)
+    scale, scaled, factor = _factored(matrix, cutoff)
     if factor is None:
-        values, vectors = np.linalg.eigh(scaled)
-        good = values > cutoff
-        half = (scale[:, None] * vectors[:, good]) / np.sqrt(values[good])
-        return np.asarray(half @ half.T)
+        return _by_eigenvalues(scale, scaled, cutoff)
     lower = np.tril(dpotri(factor, lower=True)[0])
     return np.asarray((lower + np.tril(lower, -1).T) * np.outer(scale, scale))
 
@@ -213,29 +209,32 @@ def scaled_solution(matrix: Array, right: Array, cutoff: float = 1e-12) -> Array
     """What `scaled_inverse` makes of a right side (k,), where it can without the inverse."""
     from scipy.linalg.lapack import dpotrs
 
-    scale, scaled = _to_unit_diagonal(matrix)
-    factor = _factor(scaled, cutoff)
+    scale, scaled, factor = _factored(matrix, cutoff)
     if factor is None:
-        return np.asarray(scaled_inverse(matrix, cutoff) @ right)
+        return np.asarray(_by_eigenvalues(scale, scaled, cutoff) @ right)
     return np.asarray(scale * dpotrs(factor, scale * right, lower=True)[0])
 
 
-def _to_unit_diagonal(matrix: Array) -> tuple[Array, Array]:
-    """What rows and columns of a matrix are multiplied by (k,), and what becomes of it."""
-    diagonal = np.sqrt(np.maximum(np.diag(matrix), 0.0))
-    scale = 1.0 / np.where(diagonal > 0, diagonal, 1.0)
-    return scale, np.asarray(matrix * np.outer(scale, scale), float)
-
-
-def _factor(matrix: Array, cutoff: float) -> Array | None:
-    """Cholesky's lower factor, None where a square of its diagonal, and so an eigenvalue, is below
-    the cutoff.
+def _factored(matrix: Array, cutoff: float) -> tuple[Array, Array, Array | None]:
+    """What gives a matrix a unit diagonal (k,), the matrix then, and Cholesky's lower factor of
+    it: None where a square of its diagonal, and so an eigenvalue, is below the cutoff.
     """
     from scipy.linalg.lapack import dpotrf
 
-    factor, failed = dpotrf(matrix, lower=True)
+    diagonal = np.sqrt(np.maximum(np.diag(matrix), 0.0))
+    scale = 1.0 / np.where(diagonal > 0, diagonal, 1.0)
+    scaled = np.asarray(matrix * np.outer(scale, scale), float)
+    factor, failed = dpotrf(scaled, lower=True)
     small = failed or np.diag(factor).min(initial=1.0) ** 2 < cutoff
-    return None if small else np.asarray(factor)
+    return scale, scaled, None if small else np.asarray(factor)
+
+
+def _by_eigenvalues(scale: Array, scaled: Array, cutoff: float) -> Array:
+    """The pseudo-inverse by the eigenvalues that are not below the cutoff."""
+    values, vectors = np.linalg.eigh(scaled)
+    good = values > cutoff
+    half = (scale[:, None] * vectors[:, good]) / np.sqrt(values[good])
+    return np.asarray(half @ half.T)
 
 
 CUTOFF = 1e-14

@@ -45,17 +45,6 @@ def is_explained(before: float, after: float, share: float) -> bool:
     return after**2 - 1.0 < share * (before**2 - 1.0)
 
 
-def evidence_gain(old: tuple[float, int], new: tuple[float, int], *, pixels: int) -> float:
-    """What Bayes' information criterion gains by another model; it is the better one above 0.
-
-    n (c_old - c_new) / min(c_old, c_new) - (k_new - k_old) ln n: the fall of chi-square in units of
-    the better fit's, less ln n for each unknown more. A fit is its mean squared residual c, in any
-    one unit, and its number of unknowns k. Source: Schwarz (1978), Ann. Statist. 6, 461-464.
-    """
-    best = max(min(old[0], new[0]), 1e-24)
-    return float(pixels * (old[0] - new[0]) / best - (new[1] - old[1]) * np.log(pixels))
-
-
 Array = NDArray[Any]
 
 
