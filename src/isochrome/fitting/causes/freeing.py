@@ -400,7 +400,7 @@ def _tried_from_afar(
     sets = [first, *_named(asked), *pressed, *_with_less(asked, first)]
     tried = _tried(freed, asked, search, sets)
     best = tried[0][0] if tried else own
-    if best.root is not None and not freed.tractions:
+    if best.root is not None:
         return tried
     if best.excess < FAR:
         return _tried(freed, asked, search, [*likely, *_with_less(asked, best)], tried)
