@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from isochrome.calibration import CalibrationSet
-from isochrome.calibration.beam.api import fit_beam
+from isochrome.calibration.four_point_bending import fit_beam
 from isochrome.errors import PhysicsError
 
 from .conftest import BEAM, F_SIGMA, as_shots, assert_agrees, bending_from_images, bending_load

@@ -5,7 +5,7 @@ import pytest
 import tifffile
 
 from isochrome import calibration
-from isochrome.calibration.disc.disc_field import disc_order, thin_grid
+from isochrome.calibration.disc.disc_field import disc_order, thin_pixels
 from isochrome.errors import InputError, PhysicsError
 from isochrome.reference import disc_principal_difference
 from real_frames import REAL, needs_real
@@ -33,9 +33,9 @@ def check(found, bar):
 
 
 def test_the_field_is_the_reference_one():
-    grid = thin_grid((200, 200), calibration.Circle(100.0, 100.0, 80.0, 0.0), 1000)
-    order = disc_order(grid, [3.0, 100.0, 100.0, 80.0, 0.0])
-    x, z = (grid.cols - 100.0) / 80.0, (grid.rows - 100.0) / 80.0
+    rows, cols = thin_pixels((200, 200), calibration.Circle(100.0, 100.0, 80.0, 0.0), 1000)
+    order = disc_order([3.0, 100.0, 100.0, 80.0, 0.0], rows[:, None], cols)
+    x, z = (cols - 100.0) / 80.0, (rows[:, None] - 100.0) / 80.0
     stress = disc_principal_difference(x, z, load_n=1.0, diameter_mm=2.0, thickness_mm=1.0)
     inside = x**2 + z**2 < 0.98
     np.testing.assert_allclose(order[inside], 3.0 * stress[inside] * np.pi / 4, rtol=1e-9)

@@ -9,7 +9,6 @@ from isochrome.calibration.disc.api import fit_disc
 from isochrome.calibration.disc.disc_field import (
     ORDERS,
     THIN,
-    DiscPixels,
     Overlay,
     Rise,
     Scan,
@@ -92,16 +91,17 @@ def test_a_rise_is_clear_where_no_other_explains_as_much(explained, runner_up, c
 
 def test_a_slopes_share_is_what_its_waves_explain_and_these_are_of_least_squares():
     rng, unit, loads = np.random.default_rng(1), np.linspace(-0.8, 0.8, 30), 60.0 * np.arange(1, 7)
-    grid = DiscPixels(unit[:, None], unit[None], unit[1] - unit[0])
-    images, slopes = Overlay(rng.random((6, 30, 30)), grid, loads), np.arange(0.4, 16.0, 0.04) / 360
+    images, slopes = Overlay(rng.random((6, 30, 30)), unit, loads), np.arange(0.4, 16.0, 0.04) / 360
     shares, used = disc_field._shares(images, 0.02, slopes), images.used[:, ::THIN]
     data, field = images.stack[:, :, ::THIN][:, used], images.field(0.02)[:, ::THIN][used]
     for k in (0, 200, 389):
-        left, (a, b) = disc_field.pixel_waves(data, slopes[k] * loads, field)
+        left, wave = disc_field.pixel_waves(data, slopes[k] * loads, field)
         assert shares[k] == pytest.approx(1.0 - np.sum(left**2) / (6 * data.var(axis=0).sum()))
     phase, i = 2.0 * np.pi * slopes[k] * loads * field.max(), field.argmax()
     columns = np.stack([np.ones(6), np.cos(phase), np.sin(phase)], axis=1)
-    assert [a[i], b[i]] == pytest.approx(np.linalg.lstsq(columns, data[:, i])[0][1:])
+    assert [wave[i].real, wave[i].imag] == pytest.approx(
+        np.linalg.lstsq(columns, data[:, i])[0][1:]
+    )
 
 
 def test_orders_from_the_rise_are_off_by_what_they_say(disc_frame):

@@ -5,9 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from isochrome.calibration.beam.api import BeamView, beam_kind, beam_order
-from isochrome.calibration.whole_set.set_fit import best_first
-from isochrome.calibration.whole_set.set_model import SetModel
+from isochrome.calibration.four_point_bending import BeamView, beam_kind, beam_order
+from isochrome.calibration.whole_set import SetModel, best_first
 
 from .conftest import as_shots
 
@@ -103,7 +102,7 @@ def test_masked_and_non_finite_pixels_are_dropped():
 def test_no_load_frames_take_the_lights_form():
     lamp = 50.0 + 30.0 * np.sin(places(SHAPE)[1] / 9.0)
     fit = model(5.0 + 3.0 * lamp * signal(), no_load_light=lamp).fit(TRUTH * [1.01, 1, 1])
-    assert fit.point.solved[0][0] == pytest.approx(3.0, rel=1e-4)
+    assert fit.point.solved[0][0, 0] == pytest.approx(3.0, rel=1e-4)
     assert fit.chi < 0.1
 
 

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from benchmarks.outside_specimens import Bench, beam_images, disc_images
-from isochrome.calibration.beam.api import MOMENT, beam_kind, fit_beam
+from isochrome.calibration import whole_set
 from isochrome.calibration.disc.api import RESIDUAL, disc_model, simple_residual
-from isochrome.calibration.whole_set import set_fit
-from isochrome.calibration.whole_set.set_model import EXPOSURES, SHARED, SetModel
+from isochrome.calibration.four_point_bending import MOMENT, beam_kind, fit_beam
+from isochrome.calibration.whole_set import SHARED, SetModel
 
 from .conftest import BEAM, F_SIGMA, HEIGHT, as_shots, bending_from_images, bending_load
 
@@ -27,18 +27,18 @@ def beam_model(**options):
         masks=np.concatenate([f.model.masks for f in fits]), **options,
     )  # fmt: skip
     free = *SHARED, MOMENT
-    model = replace(model, free=free if model.apart else (EXPOSURES, *free))
+    model = replace(model, free=free, exposed=not model.apart)
     own = np.concatenate([f.values for f in fits])
     shared = [0.005, -0.003, 0.002, 64.0, 0.1, 1.1]
-    return model, np.concatenate([own, np.zeros(model.exposures), shared, [0.01, -0.01]])
+    return model, np.concatenate([own, np.zeros(2 * model.exposed), shared, [0.01, -0.01]])
 
 
 def stressed_model():
     shots = as_shots([*disc_images((0.0, *ORDERS), BENCH)], [0.0, 1.0, 2.0], sigma=2.0)
     shots = [*shots[1:], shots[0]]
     own = np.array([[n, 33.0, 34.0, 22.0, 0.02] for n in ORDERS])
-    model = replace(disc_model(shots, own, {}), free=(EXPOSURES, RESIDUAL))
-    return model, np.concatenate([own.ravel(), [0.1, -0.2], simple_residual(0.2, 0.3)])
+    model = replace(disc_model(shots, own, {}), free=(RESIDUAL,), exposed=True)
+    return model, np.concatenate([own.ravel(), [0.1, -0.2, 0.0, 0.0], simple_residual(0.2, 0.3)])
 
 
 @pytest.mark.long
@@ -96,8 +96,8 @@ def test_a_fit_that_is_far_worse_under_even_light_is_a_rival_under_uneven(monkey
     best, rival, worse = (SimpleNamespace(chi=chi, point=lit) for chi in (1.0, 1.5, 1.6))
     uneven = {1.0: 0.98, 1.5: 0.985, 1.6: 1.6}
     monkeypatch.setattr(
-        set_fit, "unevenly_lit", lambda fit: SimpleNamespace(chi=uneven[fit.chi], point=lit)
+        whole_set, "unevenly_lit", lambda fit: SimpleNamespace(chi=uneven[fit.chi], point=lit)
     )
-    found, alike = set_fit.alike_fits([best, rival, worse])
+    found, alike = whole_set.alike_fits([best, rival, worse])
     assert [fit.chi for fit in found][:2] == [0.98, 0.985]
     assert [fit.chi for fit in alike] == [1.0, 0.98, 0.985]

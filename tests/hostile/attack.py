@@ -22,8 +22,9 @@ slow and loaded."""
 SERVER = multiprocessing.get_context("forkserver")
 SERVER.set_forkserver_preload(
     ["isochrome.cli", "isochrome.processing.api", "isochrome.processing.kinds.image_only",
-     "isochrome.fitting.api", "isochrome.simulation.api", "isochrome.calibration.beam.api",
-     "isochrome.comparison.api", "isochrome.runs.store", "isochrome.sweeps.api",
+     "isochrome.fitting.api", "isochrome.simulation.api",
+     "isochrome.calibration.four_point_bending", "isochrome.comparison.api",
+     "isochrome.runs.store", "isochrome.sweeps.api",
      "matplotlib.figure", "xarray", "zarr", "cv2", "tifffile", "PIL.Image", "roifile", "av",
      "rich.progress", "numpy.ma", "filelock", "threadpoolctl", "tomlkit", "typer._adapters"]
 )  # fmt: skip

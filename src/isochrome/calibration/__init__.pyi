@@ -1,4 +1,3 @@
-from .beam.api import bending_from_shots, calibrate_bending
 from .camera_scale import calibrate_scale, fit_target
 from .colour import ColourCalibration, calibrate_colour, check_light, read_colour_shots
 from .disc.api import calibrate_disc, disc_from_shots
@@ -11,7 +10,8 @@ from .disc.disc_field import (
     lay_series,
     read_load,
 )
-from .order_line import Input, fit_line, uncertainty_budget, widened_to_held_out
+from .four_point_bending import bending_from_shots, calibrate_bending
+from .order_line import Input, cause_sentence, fit_line, uncertainty_budget, widened_to_held_out
 from .result import BudgetItem, Calibration, ImageFit
 from .saved import calibration_report, check_scene_file, save_calibration, write_into_scene
 from .scale_result import MeasuredValue, ScaleCalibration, ScalePicture
@@ -20,7 +20,6 @@ from .shot import Shot, read_shots
 from .wear_coefficient import calibrate_wear
 from .wear_result import WearCalibration, WornDistance
 from .wear_set import TraceScar, WearSet, worn_volumes
-from .whole_set.set_fit import cause_sentence
 
 __all__ = [
     "Beam",

@@ -6,22 +6,52 @@ uncertainty. A value that cannot tell one of its own loads from the others' with
 widened until all of them agree.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from isochrome.calibration.result import CONTRADICTED, CUTS, BudgetItem, Calibration, ImageFit
-from isochrome.errors import PhysicsError
-from isochrome.estimation import POOR_CHI, variance_shares
+from isochrome.calibration.result import CONTRADICTED, CUTS, BudgetItem, Calibration, ImageFit, View
+from isochrome.calibration.settings import CalibrationSet
+from isochrome.calibration.whole_set import (
+    BAND,
+    BLUR,
+    EVEN,
+    GAMMA,
+    GREEN_NM,
+    LENS,
+    PLAIN,
+    USUAL_SIZES,
+    SetFit,
+)
+from isochrome.errors import InputError, PhysicsError
+from isochrome.estimation import POOR_CHI, cosine_rms, variance_shares
+from isochrome.fitting import CAUSES, NAMED, ORDER, SUSPECTED
 from isochrome.messages import message
+from isochrome.output import per_cent, with_uncertainty
 
 Array = NDArray[np.float64]
 
 NOTICED = 0.05
 """Fringes at the least that such a contradiction is worth a sentence."""
+
+LINE_MISFIT = 0.12
+"""Distance of an order from the other loads' line, in orders' range, that is refused."""
+LARGEST_REST = 0.25
+"""Order at zero load over the largest order that two loads alone are not believed."""
+
+PLAUSIBLE_N_PER_MM = (0.03, 2000.0)
+"""From gelatine to glass, with room on both sides."""
+
+EDGE_PX = 0.5
+"""What an edge, or a rim, itself is uncertain by: a bevel, the light that it scatters, and how a
+point load's field fits to a disc's."""
+
+NAMES = {key: cause.name for cause in CAUSES for key in cause.keys}
+"""What a scene's keys are the causes of."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,9 +64,9 @@ class OrderLine:
     intercept: float | None = None
     intercept_uncertainty: float | None = None
     scatter: float = 0.0  # between-load part of an order's uncertainty (0: the fits explain it all)
-    left_out: tuple[float, ...] | None = None  # each order by the other loads; None below three
-    left_out_uncertainty: tuple[float, ...] | None = None  # of the difference
-    weights: tuple[float, ...]  # d slope / d order, 1/N
+    left_out: Array | None = None  # each order by the other loads; None below three
+    left_out_uncertainty: Array | None = None  # of the difference
+    weights: Array  # d slope / d order, 1/N
 
 
 def fit_line(loads_n: ArrayLike, orders: ArrayLike, uncertainties: ArrayLike) -> OrderLine:
@@ -47,26 +77,57 @@ def fit_line(loads_n: ArrayLike, orders: ArrayLike, uncertainties: ArrayLike) ->
     Res. Natl. Bur. Stand. 87, 1982, 377-385). An intercept from two loads on.
     """
     p, n, u = (np.asarray(v, dtype=float) for v in (loads_n, orders, uncertainties))
-    v = np.diag(u**2) if u.ndim == 1 else u
-    if np.unique(p).size < 2:
-        weight = np.linalg.solve(v, p)
-        spread = float(1.0 / np.sqrt(weight @ p))
-        slope = float(weight @ n) * spread**2
-        each = tuple(weight * spread**2)
-        return OrderLine(slope=slope, slope_uncertainty=spread, slope_noise=spread, weights=each)
-    scatter = _scatter(p, n, v)
+    v, several = np.diag(u**2) if u.ndim == 1 else u, np.unique(p).size > 1
+    design = np.stack([p, np.ones_like(p)]) if several else p[None]
+    scatter = _scatter(design, n, v) if several else 0.0
     wide = v + scatter**2 * np.eye(len(v))
-    values, covariance, weights = _solve(p, n, wide)
-    noise = float(np.sqrt(_solve(p, n, v)[1][0, 0]))
-    slope_u, intercept_u = np.sqrt(np.diag(covariance))
+    values, covariance, weights = _solve(design, n, wide)
+    spreads = np.sqrt(np.diag(covariance)).tolist()
+    noise = float(np.sqrt(_solve(design, n, v)[1][0, 0]))
+    others, more = [np.arange(p.size) != i for i in range(p.size)], dict[str, Any]()
+    if several:
+        more = {"intercept": float(values[1]), "intercept_uncertainty": spreads[1]}
+    if p.size > 2 and all(np.unique(p[keep]).size > 1 for keep in others):
+        away = np.eye(p.size)  # each order less the line through the others, as sums of all orders
+        for i, (row, keep) in enumerate(zip(away, others, strict=True)):
+            of_others = _solve(design[:, keep], n[keep], wide[np.ix_(keep, keep)])[2]
+            row[keep] = -design[:, i] @ of_others
+        spread = np.sqrt(np.diag(away @ v @ away.T))
+        more |= {"left_out": n - away @ n, "left_out_uncertainty": spread}
     return OrderLine(
-        slope=float(values[0]), slope_uncertainty=max(float(slope_u), noise), slope_noise=noise,
-        intercept=float(values[1]), intercept_uncertainty=float(intercept_u), scatter=scatter,
-        **_left_out(p, n, v, wide), weights=tuple(weights[0]),
+        slope=float(values[0]), slope_uncertainty=max(spreads[0], noise), slope_noise=noise,
+        scatter=scatter, weights=weights[0], **more,
     )  # fmt: skip
 
 
-def check_order(loads_n: ArrayLike, orders: ArrayLike, names: tuple[str, ...]) -> None:
+def _solve(design: Array, n: Array, v: Array) -> tuple[Array, Array, Array]:
+    """Values (k,) for orders of covariance `v`, their covariance, and what each order adds.
+
+    beta = (X^T V^-1 X)^-1 X^T V^-1 n (Aitken, Proc. R. Soc. Edinburgh 55, 1936, 42-48).
+    """
+    weighted = np.linalg.solve(v, design.T).T
+    covariance = np.asarray(np.linalg.inv(weighted @ design.T), dtype=np.float64)
+    weights = covariance @ weighted
+    return weights @ n, covariance, weights
+
+
+def _scatter(design: Array, n: Array, v: Array) -> float:
+    from scipy.optimize import brentq
+    from scipy.special import chdtri
+
+    dof = n.size - 2
+
+    def excess(scatter: float) -> float:
+        wide = v + scatter**2 * np.eye(len(v))
+        away = n - _solve(design, n, wide)[0] @ design
+        return float(away @ np.linalg.solve(wide, away)) - dof
+
+    if dof < 1 or excess(0.0) <= chdtri(dof, 0.05) - dof:
+        return 0.0
+    return float(brentq(excess, 0.0, 10.0 * np.ptp(n) + 1.0))
+
+
+def check_order(loads_n: ArrayLike, orders: ArrayLike, names: Sequence[str]) -> None:
     """Refuse (PhysicsError) orders that fall while the load rises: swapped files."""
     p, n = np.asarray(loads_n, dtype=float), np.asarray(orders, dtype=float)
     for low, high in pairwise(np.lexsort((n, p))):
@@ -75,48 +136,6 @@ def check_order(loads_n: ArrayLike, orders: ArrayLike, names: tuple[str, ...]) -
                 "shows_order_less_orders", names=names[high], p=p[high], n=n[high], n_2=n[low],
                 names_2=names[low], p_2=p[low],
             )  # fmt: skip
-
-
-def _solve(p: Array, n: Array, v: Array) -> tuple[Array, Array, Array]:
-    """(slope, intercept) for orders of covariance `v`, their covariance, and what each order adds.
-
-    beta = (X^T V^-1 X)^-1 X^T V^-1 n (Aitken, Proc. R. Soc. Edinburgh 55, 1936, 42-48).
-    """
-    design = np.stack([p, np.ones_like(p)])
-    weighted = np.linalg.solve(v, design.T).T
-    covariance = np.asarray(np.linalg.inv(weighted @ design.T), dtype=np.float64)
-    weights = covariance @ weighted
-    return weights @ n, covariance, weights
-
-
-def _scatter(p: Array, n: Array, v: Array) -> float:
-    from scipy.optimize import brentq
-    from scipy.special import chdtri
-
-    dof = p.size - 2
-
-    def excess(scatter: float) -> float:
-        wide = v + scatter**2 * np.eye(len(v))
-        slope, intercept = _solve(p, n, wide)[0]
-        away = n - slope * p - intercept
-        return float(away @ np.linalg.solve(wide, away)) - dof
-
-    if dof < 1 or excess(0.0) <= chdtri(dof, 0.05) - dof:
-        return 0.0
-    return float(brentq(excess, 0.0, 10.0 * np.ptp(n) + 1.0))
-
-
-def _left_out(p: Array, n: Array, v: Array, wide: Array) -> dict[str, tuple[float, ...]]:
-    """Each order by the line through the others, and how unsure the fits make their difference."""
-    others = [np.arange(p.size) != i for i in range(p.size)]
-    if p.size < 3 or any(np.unique(p[keep]).size < 2 for keep in others):
-        return {}
-    away = np.eye(p.size)  # each order less that line, as sums of all orders
-    for row, keep, load in zip(away, others, p, strict=True):
-        weights = _solve(p[keep], n[keep], wide[np.ix_(keep, keep)])[2]
-        row[keep] = -np.array([load, 1.0]) @ weights
-    spread = np.sqrt(np.diag(away @ v @ away.T))
-    return {"left_out": tuple(n - away @ n), "left_out_uncertainty": tuple(spread)}
 
 
 @dataclass(frozen=True)
@@ -141,22 +160,9 @@ def largest_order(unloaded: Sequence[ResidualOrder]) -> float:
     return float(np.sqrt(np.sum(weight * r**2) / np.sum(weight)))
 
 
-LINE_MISFIT = 0.12
-"""Distance of an order from the other loads' line, in orders' range, that is refused."""
-
-LARGEST_REST = 0.25
-"""Order at zero load over the largest order that two loads alone are not believed."""
-
-PLAUSIBLE_N_PER_MM = (0.03, 2000.0)
-"""From gelatine to glass, with room on both sides."""
-
-
 @dataclass(frozen=True)
 class Input:
-    """An input's standard uncertainty (None: not given) and its share in ln f_sigma.
-
-    `sensitivity` is |d ln f / d input| in 1/unit.
-    """
+    """An input's standard uncertainty (None: not given); `sensitivity`, |d ln f / d input|."""
 
     name: str
     standard_uncertainty: float | None
@@ -176,12 +182,11 @@ def uncertainty_budget(
 ) -> Calibration:
     """Regress the orders against the loads and carry the slope k to f_sigma = factor / k.
 
-    `images` have loads above zero; `covariance` (n, n), of orders that were fitted together;
-    `messages`, known already. PhysicsError where the orders contradict the loads.
+    `covariance` (n, n), of orders that were fitted together; `messages`, known already.
+    PhysicsError where the orders contradict the loads.
     """
-    loads = [i.load_n for i in images]
-    orders = np.array([i.order for i in images])
-    check_order(loads, orders, tuple(i.file for i in images))
+    loads, orders = np.array([(i.load_n, i.order) for i in images]).T
+    check_order(loads, orders, [i.file for i in images])
     spread = [max(i.standard_uncertainty, 1e-9) for i in images]
     line = fit_line(loads, orders, spread if covariance is None else covariance)
     if line.intercept is None and unloaded:
@@ -196,11 +201,11 @@ def uncertainty_budget(
             for i, n, u in predicted
         ]
     _check_line(images, line)
-    budget = _budget(value, line, inputs)
+    budget = _budget(float(value), line, inputs)
     return Calibration(
         specimen=specimen,
         fringe_value_n_per_mm=float(value),
-        standard_uncertainty=float(np.sqrt(sum(b.contribution_n_per_mm**2 for b in budget))),
+        standard_uncertainty=float(np.linalg.norm([b.contribution_n_per_mm for b in budget])),
         chi=float(np.sqrt(np.mean(np.square([i.chi for i in images])))),
         order_at_zero_load=line.intercept,
         order_at_zero_load_uncertainty=line.intercept_uncertainty,
@@ -208,59 +213,48 @@ def uncertainty_budget(
         images=tuple(images),
         budget=budget,
         warnings=(*messages, *_warnings(images, line, inputs, specimen, unloaded)),
-    )  # fmt: skip
-
-
-def _check_line(images: Sequence[ImageFit], line: OrderLine) -> None:
-    """Refuse orders that no line joins, or whose line is no calibration's: a wrong load or image.
-
-    From four images on the others tell which is wrong, three show that one is, and two only where
-    their line passes far from the origin.
-    """
-    if line.intercept is None:
-        return
-    orders = np.array([i.order for i in images])
-    table = ", ".join(f"{i.file} {i.load_n:g} N order {i.order:.3f}" for i in images)
-    if len(images) == 2 and abs(line.intercept) > max(0.3, LARGEST_REST * float(orders.max())):
-        raise PhysicsError("these_leave_order_zero", table=table, intercept=line.intercept)
-    if line.left_out is None:
-        return
-    off = np.abs(orders - np.array(line.left_out))
-    worst = int(np.argmax(off))
-    if off[worst] > LINE_MISFIT * max(float(np.ptp(orders)), 0.2 * float(orders.max())):
-        if len(images) == 3:
-            raise PhysicsError("these_orders_do_not", table=table)
-        suspect = images[worst]
-        raise PhysicsError(
-            "shows_order_where_other_loads",
-            file=suspect.file,
-            load_n=suspect.load_n,
-            order=suspect.order,
-            predicted_order=suspect.predicted_order,
-        )
+    )
 
 
 def _budget(value: float, line: OrderLine, inputs: Sequence[Input]) -> tuple[BudgetItem, ...]:
-    scatter = np.sqrt(max(line.slope_uncertainty**2 - line.slope_noise**2, 0.0))
-    rows = [
-        ("image noise and fit", line.slope_noise, "fringe/N", value * line.slope_noise / line.slope)
-    ]
-    joint = float(np.sum(line.weights))  # vanishes where the line has an intercept of its own
-    if line.intercept is not None and abs(joint) > 1e-9 * line.slope:
-        spread = line.intercept_uncertainty or 0.0
-        rows.append(("order at zero load", spread, "fringe", value * joint * spread / line.slope))
+    rows = [Input("image noise and fit", line.slope_noise, "fringe/N", 1.0 / line.slope)]
+    # vanishes where the line has an intercept of its own
+    joint, spread = float(np.sum(line.weights)) / line.slope, line.intercept_uncertainty
+    if spread is not None and abs(joint) > 1e-9:
+        rows.append(Input("order at zero load", spread, "fringe", joint))
     if line.left_out is not None:
-        rows.append(("scatter across loads", scatter, "fringe/N", value * scatter / line.slope))
-    rows += [
-        (i.name, i.standard_uncertainty, i.unit, value * i.sensitivity * i.standard_uncertainty)
-        for i in inputs
-        if i.standard_uncertainty is not None
-    ]
-    shares = variance_shares(np.array([row[3] for row in rows]))
+        scatter = np.sqrt(max(line.slope_uncertainty**2 - line.slope_noise**2, 0.0))
+        rows.append(Input("scatter across loads", float(scatter), "fringe/N", 1.0 / line.slope))
+    rows += inputs
+    known = [(i, i.standard_uncertainty) for i in rows if i.standard_uncertainty is not None]
+    parts = value * np.array([i.sensitivity * u for i, u in known])
+    shares = variance_shares(parts).tolist()
     return tuple(
-        BudgetItem(name, float(u), unit, float(part), float(share))
-        for (name, u, unit, part), share in zip(rows, shares, strict=True)
+        BudgetItem(i.name, float(u), i.unit, part, share)
+        for (i, u), part, share in zip(known, parts.tolist(), shares, strict=True)
     )
+
+
+def _check_line(images: Sequence[ImageFit], line: OrderLine) -> None:
+    """Refuse orders that no line joins: from four images on the others tell which is wrong, three
+    show that one is, and two only where their line passes far from the origin.
+    """
+    orders = np.array([i.order for i in images])
+    largest = float(orders.max())
+    table = ", ".join(f"{i.file} {i.load_n:g} N order {i.order:.3f}" for i in images)
+    if len(images) == 2 and abs(line.intercept or 0.0) > max(0.3, LARGEST_REST * largest):
+        raise PhysicsError("these_leave_order_zero", table=table, intercept=line.intercept)
+    if line.left_out is None:
+        return
+    off = np.abs(orders - line.left_out)
+    suspect = images[int(np.argmax(off))]
+    if off.max() > LINE_MISFIT * max(float(np.ptp(orders)), 0.2 * largest):
+        if len(images) == 3:
+            raise PhysicsError("these_orders_do_not", table=table)
+        raise PhysicsError(
+            "shows_order_where_other_loads", file=suspect.file, load_n=suspect.load_n,
+            order=suspect.order, predicted_order=suspect.predicted_order,
+        )  # fmt: skip
 
 
 def _warnings(
@@ -301,37 +295,173 @@ def widened_to_held_out(calibration: Calibration) -> Calibration:
     Each order n_i is held against the other loads' line, with u_i² = v_i + v(line) + (n_i U)²: its
     own, the line's, and the value's relative uncertainty U, which grows to 3 u_i.
     """
-    if any(image.predicted_order is None for image in calibration.images):
+    images, value = calibration.images, calibration.fringe_value_n_per_mm
+    if any(image.predicted_order is None for image in images):
         return calibration
     orders, predicted, noise = np.array(
-        [(i.order, i.predicted_order, i.predicted_uncertainty) for i in calibration.images]
+        [(i.order, i.predicted_order, i.predicted_uncertainty) for i in images]
     ).T
-    away = orders - predicted
-    value = calibration.fringe_value_n_per_mm
-    stated = calibration.standard_uncertainty / value
-    expected = np.hypot(noise, orders * stated)
-    pulls = np.abs(away) / expected
-    worst = int(np.argmax(pulls))
+    away, before = orders - predicted, calibration.standard_uncertainty
+    pulls = np.abs(away) / np.hypot(noise, orders * before / value)
     needed = np.sqrt(np.maximum((away / CONTRADICTED) ** 2 - noise**2, 0.0)) / orders
-    total = value * float(max(needed.max(), stated))
-    images = tuple(
-        replace(i, predicted_uncertainty=float(u))
-        for i, u in zip(calibration.images, np.hypot(noise, orders * total / value), strict=True)
+    total = max(value * float(needed.max()), before)
+    spreads = np.hypot(noise, orders * total / value).tolist()
+    widened = replace(
+        calibration,
+        images=tuple(
+            replace(i, predicted_uncertainty=u) for i, u in zip(images, spreads, strict=True)
+        ),
     )
+    worst = int(np.argmax(pulls))
     if pulls[worst] <= CONTRADICTED:
-        return replace(calibration, images=images)
-    part = float(np.sqrt(max(total**2 - calibration.standard_uncertainty**2, 0.0)))
-    image = calibration.images[worst]
+        return widened
+    part, image = float(np.sqrt(max(total**2 - before**2, 0.0))), images[worst]
     items = (*calibration.budget, BudgetItem("held-out loads", part / value, "", part, 0.0))
     text = message(
         "shows_order_where_other", file=image.file, load_n=image.load_n, order=image.order,
-        predicted_order=image.predicted_order, pulls=pulls[worst],
-        standard_uncertainty=calibration.standard_uncertainty, total=total,
+        predicted_order=image.predicted_order, pulls=pulls[worst], standard_uncertainty=before,
+        total=total,
     )  # fmt: skip
     return replace(
-        calibration,
-        images=images,
+        widened,
         standard_uncertainty=total,
         budget=tuple(replace(i, share=(i.contribution_n_per_mm / total) ** 2) for i in items),
         warnings=(text, *calibration.warnings),
     )
+
+
+def set_images(
+    fit: SetFit, linear: Array, places: Iterable[tuple[dict[str, float], dict[str, Any]]]
+) -> tuple[list[ImageFit], Array]:
+    """The loaded images' results, with maps on the fit's pixels, and their orders' covariance.
+
+    `linear` (m, p), what the orders are of the unknowns; each image's geometry, and what `View` has
+    of its cut.
+    """
+    model, point, images = fit.model, fit.point, []
+    covariance = linear @ fit.covariance @ linear.T
+    for i, (order, (geometry, cut)) in enumerate(zip(linear @ fit.values, places, strict=True)):
+        shot, weighted = model.shots[i], point.residuals[i]
+        light = shot.light[np.ix_(model.rows, model.cols)]
+        residual, shown = np.full((2, *light.shape), np.nan)
+        residual[model.masks[i]] = weighted * model.images[i].sigma
+        shown[model.masks[i]] = np.abs(point.orders[i][0])
+        unknowns = point.values.size + point.told
+        freedom = max(1.0, weighted.size - unknowns / len(model.shots))
+        view = View(
+            image=light, model=light - residual, residual=residual, order=shown,
+            sigma=float(np.median(shot.sigma)), **cut,
+        )  # fmt: skip
+        images.append(
+            ImageFit(
+                file=shot.name, load_n=shot.load_n, order=float(order),
+                standard_uncertainty=float(np.sqrt(covariance[i, i])),
+                chi=float(np.sqrt(weighted @ weighted / freedom)), geometry=geometry, view=view,
+            )
+        )  # fmt: skip
+    return images, covariance
+
+
+def cause_sentence(cause: Mapping[str, Any]) -> str:
+    """What one of `Calibration.causes` is, and where a set states it, as its warnings say."""
+    value = with_uncertainty(cause["value"], cause["standard_uncertainty"])
+    if cause["key"] == GAMMA:
+        return message("grey_levels_not_linear", with_uncertainty=value)
+    if cause["key"]:
+        return message(
+            "describes_fringes_used_set", cause=cause["cause"], key=cause["key"], value=value
+        )
+    return message("wavelength_full_width_half", cause=cause["cause"], value=value)
+
+
+def sentences(fit: SetFit, found: Sequence[dict[str, Any]]) -> Iterator[str]:
+    """What was found and used, a sentence each."""
+    yield from map(cause_sentence, found)
+    if fit.model.uneven:
+        yield message("light_more_uneven_quadratic", plain=fit.point.told - sum(map(len, PLAIN)))
+    if fit.left_out > 0:
+        yield message("pixels_fit_nothing_dust", per_cent=per_cent(fit.left_out))
+    if fit.asked is None:
+        return
+    chances = {n: c for n, c in fit.asked.sets.chances.items() if n not in fit.model.fitted}
+    if chances.pop(ORDER, 0.0) > NAMED:
+        share = cosine_rms(np.r_[0.0, fit.asked.sets.values_of(ORDER)])  # of the orders
+        yield message("orders_differ_unexplained", size=100.0 * share)
+    likely = [f"{NAMES.get(n, n)} ({per_cent(c)})" for n, c in chances.items() if c > SUSPECTED]
+    if likely:
+        yield message("frames_may_show", who="the images", parts=" or ".join(likely))
+
+
+def calibration_of(
+    specimen: str,
+    images: Sequence[ImageFit],
+    factor_n2_per_mm: float,
+    inputs: Sequence[Input],
+    given: CalibrationSet,
+    *,
+    fit: SetFit | None,
+    residual: dict[str, Any] | None = None,
+    messages: Sequence[str] = (),
+    **orders: Any,
+) -> Calibration:
+    """The calibration by a set's `images`, as `uncertainty_budget`, with what their `fit` found.
+
+    `inputs` besides the load and the thickness, which takes no part.
+    """
+    known = given.uncertainty
+    load = Input("load", known.load_percent, "%", 0.01)
+    thickness = Input("thickness", known.thickness_mm, "mm", 0.0)
+    freed, wavelength_nm = list[dict[str, Any]](), given.polariscope.wavelength_nm
+    for key, (value, spread) in (fit.shared if fit else {}).items():
+        name: str | None = key
+        if key in EVEN:
+            value, spread = float(np.sqrt(value)), 0.5 * spread / float(np.sqrt(value))
+        if key == BAND:  # without a wavelength it is a share of it, and has no key
+            share = (wavelength_nm or 1.0) / GREEN_NM
+            value, spread = share * value, share * spread
+            name = key if wavelength_nm else None
+        freed.append(
+            {"key": name, "cause": NAMES[key], "value": value, "standard_uncertainty": spread}
+        )
+    every = [*(sentences(fit, freed) if fit else ()), *messages]
+    if residual is not None:
+        size, form = residual["largest_order"], residual["form"]
+        every.append(message("residual_stress_up_fringe", size=size, form=form))
+    result = uncertainty_budget(
+        specimen, images, factor_n2_per_mm, (load, *inputs, thickness), messages=every, **orders
+    )
+    return widened_to_held_out(replace(result, residual=residual, causes=tuple(freed)))
+
+
+def stated_values(given: CalibrationSet) -> dict[str, float]:
+    """What a set states of its camera and its light, as the model holds it."""
+    held = {key: float(getattr(given.camera, key.partition(".")[2])) for key in LENS}
+    wavelength, band = given.polariscope.wavelength_nm, given.polariscope.bandwidth_nm
+    if wavelength and band:
+        held[BAND] = (band * GREEN_NM / wavelength) ** 2
+    held[BLUR] = given.camera.blur_px**2
+    return {key: value for key, value in held.items() if value}
+
+
+def check_stated_size(
+    sizes_px: ArrayLike, name: str, size_mm: float, given: CalibrationSet, code: str
+) -> None:
+    """Refuse (InputError) a size and a pixel's that the images contradict beyond uncertainty.
+
+    The size as each image shows it; the `name` of its key and its value in the set `given`; the
+    `code` of what is said.
+    """
+    known, pixel_mm = given.uncertainty, given.camera.pixel_mm
+    assert pixel_mm is not None
+    sizes = np.asarray(sizes_px, dtype=float)
+    size_px, spread_px = float(np.median(sizes)), float(np.hypot(2.0 * EDGE_PX, np.std(sizes)))
+    stated, fitting = size_mm / pixel_mm, size_mm / size_px
+    size = getattr(known, name) or 0.0
+    pixel = known.pixel_mm or USUAL_SIZES["camera.pixel_mm"] * pixel_mm
+    off, parts = abs(size_px / stated - 1.0), (spread_px / stated, size / size_mm, pixel / pixel_mm)
+    if off > CONTRADICTED * float(np.linalg.norm(parts)):
+        raise InputError(
+            code, **{name: size_mm}, pixel_mm=pixel_mm, stated=stated, off=off,
+            with_uncertainty=with_uncertainty(size_px, spread_px),
+            with_uncertainty_2=with_uncertainty(fitting, fitting * spread_px / size_px),
+        )  # fmt: skip

@@ -81,11 +81,7 @@ VALUES = (
     "fringe_value_n_per_mm", "standard_uncertainty", "chi", "order_at_zero_load",
     "order_at_zero_load_uncertainty", "residual", "channels", "causes",
 )  # fmt: skip
-IMAGE_COLUMNS = (
-    "file", "load_n", "order", "standard_uncertainty", "chi", "predicted_order",
-    "predicted_uncertainty",
-)  # fmt: skip
-"""What `calibration.json` holds of a calibration, and of each image besides its geometry."""
+"""What `calibration.json` holds of a calibration."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -259,7 +255,7 @@ class Calibration(Result):
         value, *others = _values(self)
         head = [f"f$_\\sigma$ = {value}", f"$\\chi$ = {self.chi:.2f}", *others]
         head.append(f"{self.slope_per_n:.6g} fringes per N")
-        panels = self.panels(tuple(self.images.index(item) for item in _spread(self.images)))
+        panels = self.panels(tuple(_spread(self.images)))
         panels = replace(panels, notes=panels.notes[1:])
         return panels_figure(panels, "    ".join(head), picture_mm=43.0)
 
@@ -269,8 +265,8 @@ class Calibration(Result):
         `frames`: numbers of the images that are shown. Raises InputError where one is not there.
         """
         images = self.images
-        default = [images.index(item) for item in _spread(images)[-1:]]  # the largest load
-        shown = [images[k] for k in chosen_frames(frames, len(images), default, items="images")]
+        largest = _spread(images)[-1:]
+        shown = [images[k] for k in chosen_frames(frames, len(images), largest, items="images")]
         views = []
         for item in shown:
             if item.view is None:
@@ -335,7 +331,10 @@ class Calibration(Result):
         `channels`, `causes`, `images`, `budget` and `warnings`.
         """
         return {name: getattr(self, name) for name in VALUES} | {
-            "images": [{n: getattr(i, n) for n in IMAGE_COLUMNS} | i.geometry for i in self.images],
+            "images": [
+                {k: v for k, v in vars(i).items() if k not in ("geometry", "view")} | i.geometry
+                for i in self.images
+            ],
             "budget": [vars(item) for item in self.budget],
             **warnings_json(self.warnings),
         }
@@ -357,10 +356,10 @@ def _values(calibration: Calibration) -> list[str]:
     return parts
 
 
-def _spread(images: Sequence[ImageFit]) -> list[ImageFit]:
-    """Those with a view that are shown, by their loads."""
-    drawable = [image for image in images if image.view is not None]
-    return evenly_spaced(sorted(drawable, key=lambda i: i.load_n), MOST_SHOWN)
+def _spread(images: Sequence[ImageFit]) -> list[int]:
+    """Numbers of those with a view that are shown, by their loads."""
+    drawable = [k for k, image in enumerate(images) if image.view is not None]
+    return evenly_spaced(sorted(drawable, key=lambda k: images[k].load_n), MOST_SHOWN)
 
 
 def _cut(cut: Axes, view: View, where: Cut) -> None:

@@ -170,13 +170,12 @@ def _check_picture(calibration: ScaleCalibration, scene: Scene, name: str) -> No
     moved = [key for key in ("roi", "rotate_deg", "flip") if getattr(frames, key)]
     if bent and moved:
         raise InputError("has_frames_lens_found", name=name, moved=moved[0])
-    size = (camera.height_px, camera.width_px) if camera and not moved else (None, None)
-    if any(
-        stated not in (None, shown) for stated, shown in zip(size, calibration.shape, strict=True)
-    ):
+    height, width = (camera.height_px, camera.width_px) if camera and not moved else (None, None)
+    shown = calibration.shape
+    if height not in (None, shown[0]) or width not in (None, shown[1]):
         raise InputError(
-            "camera_has_pixels_target", name=name, size=size[1], size_2=size[0],
-            shape=calibration.shape[1], shape_2=calibration.shape[0],
+            "camera_has_pixels_target", name=name, size=width, size_2=height, shape=shown[1],
+            shape_2=shown[0],
         )  # fmt: skip
 
 
@@ -191,11 +190,6 @@ _LISTS = {
 _NO_BUDGET = "The calibration's file holds none; what is known of its goodness stands above."
 _NO_CAUSES = "Causes are looked for in images of a beam or a disc alone."
 _NONE_FOUND = "None: the images ask for nothing besides the settings."
-_ABOUT_CHI = {
-    "fringe_value_n_per_mm": "about 1 where the images are described to their noise",
-    "coefficient_mm2_per_n": "about 1 where traces and distances scatter as expected",
-}
-"""What chi means, by the value that it belongs to."""
 
 
 def calibration_report(folder: Path, name: str, record: Mapping[str, Any]) -> ReportContent:
@@ -205,7 +199,7 @@ def calibration_report(folder: Path, name: str, record: Mapping[str, Any]) -> Re
     """
     file = f"{name}.json"
     content: dict[str, Any] = json.loads((folder / file).read_text("utf-8"))
-    values = list(_values(content))
+    values = _values(content)
     verdict = "; ".join(f"{label} = {text}" for label, text in values)
     verdict = verdict if verdict.startswith("f_") else f"{verdict[:1].upper()}{verdict[1:]}"
     causes = content.get("causes")
@@ -216,7 +210,7 @@ def calibration_report(folder: Path, name: str, record: Mapping[str, Any]) -> Re
         verdict=f"{verdict}.",
         budget=_table(f"Shares of the ± ({file})", content.get("budget")),
         no_budget=_NO_BUDGET,
-        tables=list(_report_tables(content, file)),
+        tables=_report_tables(content, file),
         causes=[
             f"{one['cause']}: {one['key']} = "
             f"{with_uncertainty(one['value'], one['standard_uncertainty'])}"
@@ -247,75 +241,67 @@ def _of_camera(record: Mapping[str, Any]) -> list[tuple[str, str]]:
     return [*rows, ("pixel", stated_text(pixel, settings.uncertainty.pixel_mm, "mm"))]
 
 
-def _values(content: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+def _values(content: Mapping[str, Any]) -> list[tuple[str, str]]:
     """What was found, each value with its unit and ±, and how well after the first."""
-    kinds = {
-        "fringe_value_n_per_mm": _of_fringe_value,
-        "coefficient_mm2_per_n": _of_wear,
-        "pixel_mm": _of_scale,
-    }
-    key = next((key for key in kinds if key in content), "")
-    values = kinds.get(key, _of_colours)(content)
-    yield next(values)
-    if content.get("chi") is not None:
-        yield "chi", f"{content['chi']:.2f} ({_ABOUT_CHI.get(key, '')})"
-    yield from values
+    chi, about = content.get("chi"), ""
+    if "fringe_value_n_per_mm" in content:
+        about = "about 1 where the images are described to their noise"
+        value = with_uncertainty(content["fringe_value_n_per_mm"], content["standard_uncertainty"])
+        rows = [("f_sigma", f"{value} N/mm per fringe (standard uncertainty)")]
+        order, spread = content["order_at_zero_load"], content["order_at_zero_load_uncertainty"]
+        if order is not None and spread is not None:
+            rows.append(("order at zero load", f"{with_uncertainty(order, spread)} fringe"))
+        if content["residual"] is not None:
+            largest = content["residual"]["largest_order"]
+            rows.append(("residual stress", f"up to {largest:.3f} fringe"))
+        loads = [image["load_n"] for image in content["images"]]
+        text = f"{min(loads):g} to {max(loads):g} N, {counted(len(loads), 'image')}"
+        rows.append(("loads", text))
+    elif "coefficient_mm2_per_n" in content:
+        about = "about 1 where traces and distances scatter as expected"
+        names = "coefficient_mm2_per_n", "standard_uncertainty"
+        value = with_uncertainty(*(content[name] / WEAR_UNIT for name in names))
+        low, high = (number / WEAR_UNIT for number in content["interval_95"])
+        rows = [
+            ("wear coefficient k", f"({value})e-9 mm²/N (standard uncertainty)"),
+            ("95 % interval", f"{low:.4g}e-9 to {high:.4g}e-9 mm²/N"),
+            ("law", str(content["law"])),
+        ]
+    elif "pixel_mm" in content:
+        named = {
+            "pixel_mm": ("pixel", " mm (standard uncertainty)"),
+            **{name: (name, "") for name in LENS},
+            "roll_deg": ("roll", " degrees"),
+        }
+        rows = [
+            (label, f"{_cell(content[key])}{unit}")
+            for key, (label, unit) in named.items()
+            if content[key] is not None
+        ]
+        text = f"{content['residual_px']:.3f} px over {counted(content['corners'], 'point')}"
+        rows += [("residual", text), ("target", str(content["target"]))]
+    else:
+        gamma, spread = content["gamma"], content["gamma_standard_uncertainty"]
+        given = f"{gamma:g} (as given)"
+        highest, wavelength = content["highest_order_of_table"], content["wavelength_nm"]
+        rows = [
+            ("gamma", given if spread is None else with_uncertainty(gamma, spread)),
+            ("orders", f"up to {highest:.2f} at {wavelength:g} nm"),
+            ("residual", f"{content['residual']:.4f} of the full light (RMS)"),
+            ("pixels off by over 0.15", f"{100.0 * content['strange_share']:.2g} %"),
+            ("found by", str(content["way"])),
+        ]
+    return rows if chi is None else [rows[0], ("chi", f"{chi:.2f} ({about})"), *rows[1:]]
 
 
-def _of_fringe_value(content: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    value = with_uncertainty(content["fringe_value_n_per_mm"], content["standard_uncertainty"])
-    yield "f_sigma", f"{value} N/mm per fringe (standard uncertainty)"
-    order, spread = content["order_at_zero_load"], content["order_at_zero_load_uncertainty"]
-    if order is not None and spread is not None:
-        yield "order at zero load", f"{with_uncertainty(order, spread)} fringe"
-    if content["residual"] is not None:
-        yield "residual stress", f"up to {content['residual']['largest_order']:.3f} fringe"
-    loads = [image["load_n"] for image in content["images"]]
-    yield "loads", f"{min(loads):g} to {max(loads):g} N, {counted(len(loads), 'image')}"
-
-
-def _of_wear(content: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    pair = content["coefficient_mm2_per_n"], content["standard_uncertainty"]
-    value = with_uncertainty(*(number / WEAR_UNIT for number in pair))
-    yield "wear coefficient k", f"({value})e-9 mm²/N (standard uncertainty)"
-    low, high = (number / WEAR_UNIT for number in content["interval_95"])
-    yield "95 % interval", f"{low:.4g}e-9 to {high:.4g}e-9 mm²/N"
-    yield "law", str(content["law"])
-
-
-def _of_scale(content: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    units = {"pixel_mm": "mm (standard uncertainty)", "roll_deg": "degrees"}
-    for key in ("pixel_mm", "distortion", "keystone_x", "keystone_z", "roll_deg"):
-        if content[key] is not None:
-            name = {"pixel_mm": "pixel", "roll_deg": "roll"}.get(key, key)
-            yield name, f"{_cell(content[key])} {units.get(key, '')}".strip()
-    yield "residual", f"{content['residual_px']:.3f} px over {counted(content['corners'], 'point')}"
-    yield "target", str(content["target"])
-
-
-def _of_colours(content: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    gamma, spread = content["gamma"], content["gamma_standard_uncertainty"]
-    yield "gamma", f"{gamma:g} (as given)" if spread is None else with_uncertainty(gamma, spread)
-    highest, wavelength = content["highest_order_of_table"], content["wavelength_nm"]
-    yield "orders", f"up to {highest:.2f} at {wavelength:g} nm"
-    yield "residual", f"{content['residual']:.4f} of the full light (RMS)"
-    yield "pixels off by over 0.15", f"{100.0 * content['strange_share']:.2g} %"
-    yield "found by", str(content["way"])
-
-
-def _report_tables(content: Mapping[str, Any], file: str) -> Iterator[ReportTable]:
-    for key, caption in _LISTS.items():
-        table = _table(f"{caption} ({file})", content.get(key))
-        if table is not None:
-            yield table
-    channels = content.get("channels")
-    if channels:
-        columns = {"of": list(channels), "value": list(map(_cell, channels.values()))}
-        yield ReportTable(f"By channel ({file})", columns)
-    exposures = content.get("exposures")
-    if exposures:
-        columns = {"image": list(range(len(exposures))), "exposure": exposures}
-        yield ReportTable(f"By image ({file})", columns)
+def _report_tables(content: Mapping[str, Any], file: str) -> list[ReportTable]:
+    channels, exposures = content.get("channels") or {}, content.get("exposures") or []
+    lists = [
+        *((caption, content.get(key)) for key, caption in _LISTS.items()),
+        ("By channel", [{"of": of, "value": value} for of, value in channels.items()]),
+        ("By image", [{"image": i, "exposure": value} for i, value in enumerate(exposures)]),
+    ]
+    return [table for name, rows in lists if (table := _table(f"{name} ({file})", rows))]
 
 
 def _table(caption: str, rows: Sequence[Mapping[str, Any]] | None) -> ReportTable | None:
@@ -337,6 +323,14 @@ def _cell(value: Any) -> Any:
     return value
 
 
+_KINDS: dict[type[AnyCalibration], tuple[str, str]] = {
+    ColourCalibration: ("colour", ""),
+    ScaleCalibration: ("scale", "scale.csv"),
+    WearCalibration: ("wear", "distances.csv"),
+}
+"""What calibrates other things than a fringe value, and its table."""
+
+
 def save_calibration(
     calibration: AnyCalibration,
     out: str | Path,
@@ -350,40 +344,37 @@ def save_calibration(
     """
     name = "scale" if isinstance(calibration, ScaleCalibration) else "calibration"
     inputs = [source] if isinstance(source, str | Path) else list(source or ())
+    texts = {Path(i): read_text(Path(i)) for i in inputs if Path(i).suffix == ".toml"}
+    if isinstance(calibration, Calibration):
+        command, table = CUTS[calibration.specimen].command, "images.csv"
+    else:
+        command, table = _KINDS[type(calibration)]
     with staged(out) as folder:
         write_json(folder / f"{name}.json", calibration.to_json())
-        files = [file for given in inputs for file in (given, *_named_files(Path(given)))]
-        record = provenance(None, files) | environment() | _origin(calibration, inputs)
+        files = [*inputs]
+        for settings, text in texts.items():  # with the images, traces and no-load frames of a set
+            named = dict.fromkeys(_texts(parse_toml(text, str(settings))))
+            files += [file for one in named if isfile(file := settings.parent / one)]
+        record = provenance(None, files) | environment()
+        record |= {
+            "command": f"calibrate {command}",
+            "title": calibration.title,
+            "date": calibration_day(),
+            "settings": "\n".join(texts.values()) or None,
+        }
         write_figure(folder / f"{name}.png", calibration.figure())
         if isinstance(calibration, ColourCalibration):
             write_colours(calibration, folder)
         else:
-            for table, columns in _tables(calibration).items():
-                write_csv(folder / table, columns)
+            write_csv(folder / table, calibration.columns)
+            write_csv(folder / "budget.csv", calibration.budget_columns)
+        # a set may state worn volumes alone
+        if isinstance(calibration, WearCalibration) and calibration.traces:
+            rows = map(trace_json, calibration.traces)
+            traces = columns_of([row | {"is_clear": int(row["is_clear"])} for row in rows])
+            write_csv(folder / "traces.csv", traces)
         write_report(folder / REPORT, calibration_report(folder, name, record))
         seal(folder, record)
-
-
-def _tables(calibration: SceneCalibration) -> dict[str, dict[str, list[Any]]]:
-    """A calibration's tables by the names of their files."""
-    names = {
-        Calibration: "images.csv", ScaleCalibration: "scale.csv", WearCalibration: "distances.csv",
-    }  # fmt: skip
-    tables = {names[type(calibration)]: calibration.columns}
-    # a set may state worn volumes alone
-    if isinstance(calibration, WearCalibration) and calibration.traces:
-        records = map(trace_json, calibration.traces)
-        traces = [row | {"is_clear": int(row["is_clear"])} for row in records]
-        tables["traces.csv"] = columns_of(traces)
-    return tables | {"budget.csv": calibration.budget_columns}
-
-
-def _named_files(settings: Path) -> list[Path]:
-    """The files that a set names: its images, traces and no-load frames; none of an image."""
-    if settings.suffix != ".toml":
-        return []
-    texts = dict.fromkeys(_texts(parse_toml(read_text(settings), str(settings))))
-    return [Path(file) for text in texts if isfile(file := settings.parent / text)]
 
 
 def _texts(value: Any) -> Iterator[str]:
@@ -393,19 +384,3 @@ def _texts(value: Any) -> Iterator[str]:
     elif isinstance(value, Mapping | list):
         for item in value.values() if isinstance(value, Mapping) else value:
             yield from _texts(item)
-
-
-def _origin(calibration: AnyCalibration, inputs: Sequence[str | Path]) -> dict[str, Any]:
-    """What made a calibration, when, and of which settings."""
-    if isinstance(calibration, Calibration):
-        kind = CUTS[calibration.specimen].command
-    else:
-        kinds = {ColourCalibration: "colour", ScaleCalibration: "scale", WearCalibration: "wear"}
-        kind = kinds[type(calibration)]
-    texts = [read_text(Path(place)) for place in inputs if Path(place).suffix == ".toml"]
-    return {
-        "command": f"calibrate {kind}",
-        "title": calibration.title,
-        "date": calibration_day(),
-        "settings": "\n".join(texts) or None,
-    }

@@ -187,16 +187,17 @@ def calibrate_channels(
                 "polariscope_lines_several_wavelengths", name=given.name, file=given.image[0].file
             )
         return run(read_shots(given), given)
-    main = channel_for(scope.wavelength_nm)
-    result = run(_of_channel(given, main), given)
-    table: dict[str, Any] = {}
+    main, table, results = channel_for(scope.wavelength_nm), dict[str, Any](), {}
     for channel in CHANNELS:
+        frames = given.frames.model_copy(update={"channel": channel})
         try:
-            one = result if channel == main else run(_of_channel(given, channel), given)
+            result = run(read_shots(given.model_copy(update={"frames": frames})), given)
         except PhysicsError as error:
+            if channel == main:
+                raise
             table[channel] = {"refused": str(error)}
             continue
-        values = {name: getattr(one, name) for name in SUMMARY}
+        results[channel], values = result, {name: getattr(result, name) for name in SUMMARY}
         every = scope.lines.wavelength_nm if scope.lines else ()
         lines = [w for w in every if channel_for(w) == channel]
         table[channel] = values | {"wavelength_nm": lines[0] if len(lines) == 1 else None}
@@ -204,12 +205,8 @@ def calibrate_channels(
     poor = [c for c, v in table.items() if "refused" in v or v["chi"] > POOR_CHI]
     if poor:
         messages.append(message("one_wavelength_does_not", poor=", ".join(poor)))
+    result = results[main]
     return replace(result, channels=table, warnings=(*messages, *result.warnings))
-
-
-def _of_channel(given: CalibrationSet, channel: str) -> tuple[Shot, ...]:
-    frames = given.frames.model_copy(update={"channel": channel})
-    return read_shots(given.model_copy(update={"frames": frames}))
 
 
 def _in_colour(given: CalibrationSet) -> bool:

@@ -13,17 +13,16 @@ holds what creeps under them.
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import product
+from itertools import product, zip_longest
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from isochrome.calibration.disc.disc_field import (
     FEWEST_LOADS,
     Circle,
     Complexes,
-    DiscPixels,
     Scan,
     choose_centre_orders,
     disc_geometry,
@@ -34,9 +33,16 @@ from isochrome.calibration.disc.disc_field import (
     overlay,
     rise_with_load,
     scan_disc,
-    thin_grid,
+    thin_pixels,
 )
-from isochrome.calibration.order_line import Input, check_order
+from isochrome.calibration.order_line import (
+    Input,
+    calibration_of,
+    check_order,
+    check_stated_size,
+    set_images,
+    stated_values,
+)
 from isochrome.calibration.result import Calibration, ImageFit
 from isochrome.calibration.settings import CalibrationSet, SetLike, load_set
 from isochrome.calibration.shot import (
@@ -48,16 +54,15 @@ from isochrome.calibration.shot import (
     calibrate_channels,
     unused,
 )
-from isochrome.calibration.whole_set.set_fit import (
+from isochrome.calibration.whole_set import (
+    Kind,
+    SetFit,
+    SetModel,
+    SetPoint,
     alike_fits,
     best_first,
-    calibration_of,
-    check_stated_size,
     fit_set,
-    set_images,
-    stated_values,
 )
-from isochrome.calibration.whole_set.set_model import Kind, SetFit, SetModel
 from isochrome.errors import PhysicsError
 from isochrome.estimation import ALIKE_CHI
 from isochrome.messages import message
@@ -68,8 +73,8 @@ Array = NDArray[np.float64]
 def fit_disc(shot: Shot, starts: Array) -> Array:
     """Fit one image's whole field: centre order, centre, radius and load direction (5,).
 
-    Parameters: `starts` (m, 5), see `disc_order`, the first of which tells where the disc is.
-    Raises PhysicsError for too low an order, one that is ambiguous, or a fit that did not converge.
+    From `starts` (m, 5), the first of which tells where the disc is. PhysicsError for too low an
+    order, one that is ambiguous, or a fit that did not converge.
     """
     for rim in (0.25, RIM):
         model = disc_model([shot], starts[:1], {}, rim=rim)
@@ -106,9 +111,8 @@ SIZES = np.tile([_SIZE * _FALLS ** (i + j) for i, j in _POWERS], 3)
 
 
 def residual_basis(x: Array, z: Array, turn: Complexes) -> Complexes:
-    """Members (k, n) of a residual at places `x`, `z` in radii from the centre.
-
-    As the loads' directions see it: `turn` (n,), see `load_field`.
+    """Members (k, n) of a residual at places `x`, `z` in radii, as the loads' directions see it:
+    `turn` (n,), see `load_field`.
     """
     real = _powers(x, z)
     return np.concatenate([real, turn * real, 1j * turn * real])
@@ -148,8 +152,8 @@ def by_residual(unknowns: Array, amplitudes: Array, rows: Array, cols: Array) ->
     return np.asarray((direction * members).real)
 
 
-def _places(geometry: Array, rows: Array, cols: Array) -> tuple[Array, Array]:
-    row, col, radius, _ = geometry
+def _places(geometry: ArrayLike, rows: Array, cols: Array) -> tuple[Array, Array]:
+    row, col, radius, _ = np.asarray(geometry, dtype=float)
     return (cols - col) / radius, (rows - row) / radius
 
 
@@ -170,19 +174,35 @@ MOST_FRINGES, MOST_RADII = 0.3, 0.03
 
 
 def fit_disc_set(images: Sequence[Shot], unknowns: Array, held: dict[str, float]) -> SetFit:
-    """The set with what it shows, from a start with residual stress where it asks for one.
+    """The set with what it shows, `images`, the loaded ones (m) first, from `unknowns` (m, 5), and
+    where it is not explained, from starts with residual stress.
 
-    Parameters: `images`, the loaded ones (m) first, whose `unknowns` (m, 5) are a start; `held`,
-    what the set states of the camera, by its keys.
+    Axisymmetric residuals and even ones, over radii and sizes, with orders in proportion to the
+    loads: a residual may have moved all single fits by a part of a fringe, but hardly their slope.
+    The best few are fitted on a few pixels, each image with its own light.
     """
     fit = fit_set(disc_model(images, unknowns, held), unknowns)
     if not len(fit.model.kind.sizes) or (fit.explained and fit.chi < ALIKE_CHI):
         return fit
-    start = stressed_start(images, unknowns)
-    if start is None:
+    loads = np.array([shot.load_n for shot in images[: len(unknowns)]])
+    begun, points = unknowns.copy(), list[SetPoint]()
+    if np.unique(loads).size > 1:
+        begun[:, 0] = np.polynomial.polynomial.polyfit(loads, unknowns[:, 0], 1)[1] * loads
+    for factor in RADII:
+        begun[:, 3] = factor * unknowns[:, 3].min()
+        rough = disc_model(images, begun, {}, pixels=ROUGH_PIXELS)
+        rough = replace(rough, apart=True, free=(RESIDUAL,))
+        for even, round_ in product(ORDERS, ORDERS):
+            point = rough.at(np.concatenate([begun.ravel(), simple_residual(even, round_)]))
+            if point is not None and point.positive:
+                points.append(point)
+    points.sort(key=lambda point: point.cost / point.pixels)
+    fits = [point.model.fit(point.values) for point in points[:REFINED]]
+    if not fits:
         return fit
-    places, residual = start
-    stressed = fit_set(disc_model(images, places, held), places, residual)
+    start = min(fits, key=lambda fit: fit.chi)
+    model = replace(disc_model(images, start.own, held), free=(RESIDUAL,))
+    stressed = fit_set(model, start.values)
     return stressed if stressed.chi < fit.chi else fit
 
 
@@ -194,25 +214,22 @@ def disc_model(
     rim: float = RIM,
     pixels: int = PIXELS,
 ) -> SetModel:
-    """The model of images of a disc where their unknowns (m, 5) put it, the loaded ones first.
-
-    Parameters: the part of the radius at the `rim` that is left out; `pixels` of the square about
-    the disc.
+    """The model of images of a disc where their unknowns (m, 5) put it, the loaded ones first, less
+    a part of the radius at the `rim`, by `pixels` of the square about the disc.
     """
     middle, radius = unknowns[:, 1:3].mean(axis=0), float(unknowns[:, 3].max())
     reach = radius + float(np.abs(unknowns[:, 1:3] - middle).max())
     circle = Circle(float(middle[0]), float(middle[1]), reach, 0.0)
-    grid = thin_grid(images[0].light.shape, circle, pixels)
-    places = [*unknowns, *([unknowns[0]] * (len(images) - len(unknowns)))]
+    rows, cols = thin_pixels(images[0].light.shape, circle, pixels)
     masks = [
-        shot.valid[grid.pick] & disc_mask(grid, place, within=1.0 - rim)
-        for shot, place in zip(images, places, strict=True)
+        shot.valid[np.ix_(rows, cols)] & disc_mask(place, rows, cols, within=1.0 - rim)
+        for shot, place in zip_longest(images, unknowns, fillvalue=unknowns[0])
     ]
 
     def order(unknowns: Array, besides: Array, rows: Array, cols: Array) -> Array:
         if besides.any():
             return np.abs(total_order(unknowns, besides, rows, cols))
-        return disc_order(DiscPixels(rows, cols, 1.0), unknowns)
+        return disc_order(unknowns, rows, cols)
 
     # one load, or two, cannot tell a residual stress from the loads'
     several = len({shot.load_n for shot in images}) >= RESIDUAL_LOADS
@@ -222,96 +239,7 @@ def disc_model(
         largest=np.array([MOST_FRINGES, *[MOST_RADII * radius] * 3, MOST_RADII]),
         idle=lambda first, _: np.concatenate([[0.0], first[1:]]), idle_largest=np.zeros(0),
     )  # fmt: skip
-    return SetModel(
-        kind=kind, shots=images, rows=grid.rows[:, 0].astype(np.intp),
-        cols=grid.cols[0].astype(np.intp), masks=np.stack(masks), held=held,
-    )  # fmt: skip
-
-
-def stressed_start(images: Sequence[Shot], unknowns: Array) -> tuple[Array, Array] | None:
-    """Where images with residual stress start: their unknowns (m, 5) and its amplitudes (k,); None
-    where no start has the fringes' contrast.
-
-    Axisymmetric residuals and even ones, over radii and sizes, with orders in proportion to the
-    loads: a residual may have moved all single fits by a part of a fringe, but hardly their slope.
-    The best few are fitted on a few pixels, each image with its own light.
-    """
-    loads = np.array([shot.load_n for shot in images[: len(unknowns)]])
-    begun, scored = unknowns.copy(), []
-    if np.unique(loads).size > 1:
-        begun[:, 0] = np.polynomial.polynomial.polyfit(loads, unknowns[:, 0], 1)[1] * loads
-    for factor in RADII:
-        begun[:, 3] = factor * unknowns[:, 3].min()
-        model = replace(
-            disc_model(images, begun, {}, pixels=ROUGH_PIXELS), apart=True, free=(RESIDUAL,)
-        )
-        for even, round_ in product(ORDERS, ORDERS):
-            values = np.concatenate([begun.ravel(), simple_residual(even, round_)])
-            point = model.at(values)
-            if point is not None and point.positive:
-                scored.append((point.cost / point.pixels, values, model))
-    scored.sort(key=lambda item: item[0])
-    fits = [model.fit(values) for _, values, model in scored[:REFINED]]
-    if not fits:
-        return None
-    best = min(fits, key=lambda fit: fit.chi)
-    return best.own, best.model.value(best.values, RESIDUAL)
-
-
-def disc_images(
-    fit: SetFit, rims: Sequence[float], diameter_mm: float
-) -> tuple[list[ImageFit], Array]:
-    """The loaded images' results from a whole set's fit, and their orders' covariance (m, m).
-
-    The order at the centre is along the loads' directions, with the residual's part. Parameters:
-    `rims` (m,), their radii as found, px; `diameter_mm`.
-    """
-    model, unknowns = fit.model, fit.own
-    linear = np.zeros((len(unknowns), model.size))
-    linear[np.arange(len(unknowns)), unknowns.shape[1] * np.arange(len(unknowns))] = 1.0
-    orders = unknowns[:, 0].copy()
-    if RESIDUAL in model.free:
-        # how each member of the residual counts at the centre, along the loads of each image
-        centre = np.zeros(len(unknowns))
-        along_loads = residual_basis(centre, centre, np.exp(2j * unknowns[:, 4])).real.T
-        linear[:, model.places[RESIDUAL]] = along_loads
-        orders += along_loads @ model.value(fit.values, RESIDUAL)
-    rows, cols = model.rows, model.cols
-    cuts = (
-        {
-            "cut": np.s_[int(np.argmin(np.abs(rows - row))), :],
-            "position_mm": (cols - col) * pixel_mm,
-            "pixel_mm": (pixel_mm * float(rows[1] - rows[0]),) * 2,
-        }
-        for _, row, col, radius, _ in unknowns.tolist()
-        for pixel_mm in (0.5 * diameter_mm / radius,)
-    )
-    geometries = map(disc_geometry, unknowns[:, 1:], rims)
-    return set_images(fit, orders, linear, geometries, cuts)
-
-
-def residual_of(fit: SetFit, diameter_mm: float) -> dict[str, Any] | None:
-    """A fit's residual stress, for a disc of `diameter_mm`, for `calibration.json`; None for none.
-
-    The order at the centre with no load, the largest in the part of the disc that is fitted and
-    where (mm from the centre), fringes.
-    """
-    model = fit.model
-    if RESIDUAL not in model.free:
-        return None
-    image, unknowns = model.images[0], fit.own[0]
-    _, row, col, radius, _ = unknowns
-    x, z = (np.append(v, 0.0) for v in ((image.cols - col) / radius, (image.rows - row) / radius))
-    _, turn = load_field(np.append(image.rows, row), np.append(image.cols, col), unknowns[1:])
-    size = np.abs(model.value(fit.values, RESIDUAL) @ residual_basis(x, z, turn))
-    at = int(np.argmax(size[:-1]))
-    return {
-        "form": f"tensor, and along the loads, degree {DEGREE}",
-        "centre_order": float(size[-1]),
-        "largest_order": float(size[at]),
-        "largest_x_mm": float(0.5 * diameter_mm * x[at]),
-        "largest_z_mm": float(0.5 * diameter_mm * z[at]),
-    }
+    return SetModel(kind=kind, shots=images, rows=rows, cols=cols, masks=np.stack(masks), held=held)
 
 
 def calibrate_disc(source: SetLike) -> Calibration:
@@ -366,60 +294,98 @@ def disc_from_shots(shots: Sequence[Shot], given: CalibrationSet) -> Calibration
 
     InputError where the rim contradicts the diameter and a stated size of a pixel.
     """
-    disc = given.disc
-    assert disc is not None
+    assert given.disc is not None
+    diameter_mm = given.disc.diameter_mm
+    factor = 8.0 / (np.pi * diameter_mm)
+    inputs = (Input("diameter", given.uncertainty.diameter_mm, "mm", 1.0 / diameter_mm),)
     idle = [shot for shot in shots if not shot.load_n]
     loaded = [shot for shot in shots if shot.load_n]
-    images, covariance, fit = _found(loaded, idle, disc.diameter_mm, stated_values(given))
-    residual, messages = None, list[str]()
-    if fit is None:
-        messages.append(message("closed_form_disc_does"))
-        messages += unused(idle, message("order_zero_load_from"))
-    else:
-        residual = residual_of(fit, disc.diameter_mm)
-        if given.camera.pixel_mm is not None:
-            diameters = [2.0 * image.geometry["radius_px"] for image in images]
-            check_stated_size(
-                diameters, "diameter_mm", disc.diameter_mm, given, "disc_px_wide_disc"
-            )
-    if residual is not None:
-        size, form = residual["largest_order"], residual["form"]
-        messages.append(message("residual_stress_up_fringe", size=size, form=form))
-    inputs = (Input("diameter", given.uncertainty.diameter_mm, "mm", 1.0 / disc.diameter_mm),)
-    return calibration_of(
-        "disc", images, 8.0 / (np.pi * disc.diameter_mm), inputs, given,
-        fit=fit, covariance=covariance, residual=residual, messages=messages,
-    )  # fmt: skip
-
-
-def check_scans(scans: Sequence[Scan], shots: Sequence[Shot]) -> None:
-    """Refuse loads that contradict the orders of the images' own scans (n,), if clear."""
-    if all((scan.curve.min() / scan.smooth_chi) ** 2 < 1.0 - EXPLAINED for scan in scans):
-        alone = choose_centre_orders(scans, [0.0] * len(scans))
-        check_order([shot.load_n for shot in shots], alone, tuple(shot.name for shot in shots))
-
-
-def _found(
-    loaded: Sequence[Shot], idle: Sequence[Shot], diameter_mm: float, held: dict[str, float]
-) -> tuple[Sequence[ImageFit], Array | None, SetFit | None]:
-    """The loaded images' orders, their covariance and the whole set's fit; neither of these where
-    the orders are from their rise with the load, see `fit_rise`.
-    """
     scans = [scan_disc(shot) for shot in loaded]
-    circles = [s.circle for s in scans]
-    orders = choose_centre_orders(scans, [s.load_n for s in loaded])
+    orders = choose_centre_orders(scans, [shot.load_n for shot in loaded])
     starts = [scan.starts(order) for scan, order in zip(scans, orders, strict=True)]
     refused: PhysicsError | None = None
     try:
         unknowns = [fit_disc(s, start) for s, start in zip(loaded, starts, strict=True)]
     except PhysicsError as error:  # which residual stress may explain
         unknowns, refused = [start[0] for start in starts], error
-    set_fit = fit_disc_set([*loaded, *idle], np.array(unknowns), held)
-    if refused is not None and not (RESIDUAL in set_fit.model.free and set_fit.explained):
-        overlaid = overlay(loaded, circles)
-        rise = rise_with_load(overlaid)
-        if rise is None or not rise.clear:
-            check_scans(scans, loaded)
-            raise refused
-        return fit_rise(loaded, circles, overlaid, rise, diameter_mm), None, None
-    return *disc_images(set_fit, [c.radius for c in circles], diameter_mm), set_fit
+    fit = fit_disc_set([*loaded, *idle], np.array(unknowns), stated_values(given))
+    if refused is not None and not (RESIDUAL in fit.model.free and fit.explained):
+        images = images_by_rise(loaded, scans, diameter_mm, refused)
+        messages = [
+            message("closed_form_disc_does"), *unused(idle, message("order_zero_load_from"))
+        ]  # fmt: skip
+        return calibration_of("disc", images, factor, inputs, given, fit=None, messages=messages)
+    images, covariance = disc_images(fit, [scan.circle.radius for scan in scans], diameter_mm)
+    if given.camera.pixel_mm is not None:
+        diameters = [2.0 * image.geometry["radius_px"] for image in images]
+        check_stated_size(diameters, "diameter_mm", diameter_mm, given, "disc_px_wide_disc")
+    return calibration_of(
+        "disc", images, factor, inputs, given,
+        fit=fit, covariance=covariance, residual=residual_of(fit, diameter_mm),
+    )  # fmt: skip
+
+
+def images_by_rise(
+    shots: Sequence[Shot], scans: Sequence[Scan], diameter_mm: float, refused: PhysicsError
+) -> list[ImageFit]:
+    """The images' orders from their rise with the load, see `fit_rise`, where no field fits them.
+
+    Raises what refused them where the rise is not clear; before that, loads that contradict the
+    orders of the images' own scans, if these are.
+    """
+    circles = [scan.circle for scan in scans]
+    images = overlay(shots, circles)
+    rise = rise_with_load(images)
+    if rise is not None and rise.clear:
+        return fit_rise(shots, circles, images, rise, diameter_mm)
+    if all((scan.curve.min() / scan.smooth_chi) ** 2 < 1.0 - EXPLAINED for scan in scans):
+        alone = choose_centre_orders(scans, [0.0] * len(scans))
+        check_order([shot.load_n for shot in shots], alone, [shot.name for shot in shots])
+    raise refused
+
+
+def disc_images(
+    fit: SetFit, rims: Sequence[float], diameter_mm: float
+) -> tuple[list[ImageFit], Array]:
+    """The loaded images' results from a whole set's fit, and their orders' covariance (m, m): at
+    the centre, along the loads, with the residual's part. `rims` (m,), their radii as seen, px.
+    """
+    model, unknowns = fit.model, fit.own
+    linear, places = np.zeros((len(unknowns), model.size)), []
+    for i, (of_order, (_, row, col, radius, angle)) in enumerate(
+        zip(linear, unknowns, strict=True)
+    ):
+        of_order[model.places[i][0]] = 1.0
+        if RESIDUAL in model.free:  # each member at the centre, along the image's own loads
+            centre = residual_basis(np.zeros(1), np.zeros(1), np.exp([2j * angle]))
+            linear[i, model.places[RESIDUAL]] = centre.real[:, 0]
+        pixel_mm = 0.5 * diameter_mm / radius
+        cut = {
+            "cut": np.s_[int(np.argmin(np.abs(model.rows - row))), :],
+            "position_mm": (model.cols - col) * pixel_mm,
+            "pixel_mm": (float(pixel_mm * (model.rows[1] - model.rows[0])),) * 2,
+        }
+        places.append((disc_geometry([row, col, radius, angle], rims[i]), cut))
+    return set_images(fit, linear, places)
+
+
+def residual_of(fit: SetFit, diameter_mm: float) -> dict[str, Any] | None:
+    """A fit's residual stress for `calibration.json`, None for none: the order at the centre with
+    no load, the largest where the disc is fitted, and where that is.
+    """
+    model = fit.model
+    if RESIDUAL not in model.free:
+        return None
+    image, (_, *geometry) = model.images[0], fit.own[0]
+    rows, cols = np.append(image.rows, geometry[0]), np.append(image.cols, geometry[1])
+    x, z = _places(geometry, rows, cols)
+    members = residual_basis(x, z, load_field(rows, cols, geometry)[1])
+    size = np.abs(fit.values[model.places[RESIDUAL]] @ members)
+    at = int(np.argmax(size[:-1]))
+    return {
+        "form": f"tensor, and along the loads, degree {DEGREE}",
+        "centre_order": float(size[-1]),
+        "largest_order": float(size[at]),
+        "largest_x_mm": float(0.5 * diameter_mm * x[at]),
+        "largest_z_mm": float(0.5 * diameter_mm * z[at]),
+    }

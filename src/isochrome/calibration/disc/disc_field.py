@@ -59,7 +59,25 @@ def find_rim(frame: Observation) -> Circle:
 
     PhysicsError where there is no disc, or the frame cuts it.
     """
-    patch = _patch(frame)
+    from scipy import ndimage
+
+    size = min(frame.light.shape)
+    blur = max(2.0, size / 250.0)
+    image = np.where(frame.valid, frame.light, np.median(frame.light))
+    slope = ndimage.gaussian_gradient_magnitude(image, blur)
+    corner = max(4, size // 25)
+    ends = (slice(0, corner), slice(-corner, None))
+    air = np.median([np.median(slope[r, c]) for r in ends for c in ends])
+    noise = float(np.median(frame.sigma)) / (2.0 * np.sqrt(2.0 * np.pi) * blur**2)
+    limit = max(6.0 * noise, 3.0 * float(air), 0.05 * float(np.percentile(slope, 98)))
+    steps = max(2, size // 40)  # beyond the border too, which a closing would eat
+    closed = ndimage.binary_closing(np.pad(slope > limit, steps), iterations=steps)
+    labels, count = ndimage.label(closed[steps:-steps, steps:-steps])
+    if count == 0:
+        raise PhysicsError("nothing_but_even_light", name=frame.name)
+    sizes = np.bincount(labels.ravel())
+    sizes[0] = 0
+    patch = ndimage.binary_fill_holes(labels == int(np.argmax(sizes)))
     rows, cols = np.nonzero(patch)
     dr, dc = rows - rows.mean(), cols - cols.mean()
     sector = ((np.arctan2(dr, dc) / (2.0 * np.pi) + 0.5) * RAYS).astype(int) % RAYS
@@ -102,28 +120,6 @@ def fit_circle(points: Array) -> Circle:
     return Circle(row, col, size, float(np.median(np.abs(distance(result.x)))))
 
 
-def _patch(frame: Observation) -> NDArray[np.bool_]:
-    from scipy import ndimage
-
-    size = min(frame.light.shape)
-    blur = max(2.0, size / 250.0)
-    image = np.where(frame.valid, frame.light, np.median(frame.light))
-    slope = ndimage.gaussian_gradient_magnitude(image, blur)
-    corner = max(4, size // 25)
-    ends = (slice(0, corner), slice(-corner, None))
-    air = np.median([np.median(slope[r, c]) for r in ends for c in ends])
-    noise = float(np.median(frame.sigma)) / (2.0 * np.sqrt(2.0 * np.pi) * blur**2)
-    limit = max(6.0 * noise, 3.0 * float(air), 0.05 * float(np.percentile(slope, 98)))
-    steps = max(2, size // 40)  # beyond the border too, which a closing would eat
-    closed = ndimage.binary_closing(np.pad(slope > limit, steps), iterations=steps)
-    labels, count = ndimage.label(closed[steps:-steps, steps:-steps])
-    if count == 0:
-        raise PhysicsError("nothing_but_even_light", name=frame.name)
-    sizes = np.bincount(labels.ravel())
-    sizes[0] = 0
-    return np.asarray(ndimage.binary_fill_holes(labels == int(np.argmax(sizes))))
-
-
 LOAD_ZONE = 0.25
 """Radii about each load point that are left out: the contact there is not a point."""
 
@@ -134,37 +130,26 @@ MIDDLE = 0.6
 """Radii about the centre from which they are."""
 
 
-@dataclass(frozen=True)
-class DiscPixels:
-    """A thinned frame: `rows` (m, 1) and `cols` (1, n) of its pixels, and their spacing `step`."""
-
-    rows: Array
-    cols: Array
-    step: float
-
-    @property
-    def pick(self) -> tuple[NDArray[np.intp], ...]:
-        """The pixels as an index into the frame."""
-        return np.ix_(self.rows[:, 0].astype(int), self.cols[0].astype(int))
-
-
-def thin_grid(shape: tuple[int, ...], circle: Circle, pixels: int) -> DiscPixels:
-    """Every `step`-th pixel of the square about a circle, about `pixels` of them."""
+def thin_pixels(
+    shape: tuple[int, ...], circle: Circle, pixels: int
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Rows (m,) and columns (n,) at even steps over the square about a circle, about `pixels`."""
     step = max(1, int(np.sqrt(4.0 * circle.radius**2 / pixels)))
     reach = 1.08 * circle.radius
-    axes = [
-        np.arange(max(0, int(c - reach)), min(n, int(c + reach) + 2), step, dtype=float)
+    rows, cols = (
+        np.arange(max(0, int(c - reach)), min(n, int(c + reach) + 2), step)
         for c, n in zip((circle.row, circle.col), shape, strict=True)
-    ]
-    return DiscPixels(axes[0][:, None], axes[1][None, :], step)
+    )
+    return rows, cols
 
 
-def load_field(rows: Array, cols: Array, geometry: ArrayLike) -> tuple[Array, Complexes]:
-    """The loads' field over its centre value: its size h and its direction, seen by a residual.
+def load_field(
+    rows: NDArray[Any], cols: NDArray[Any], geometry: ArrayLike
+) -> tuple[Array, Complexes]:
+    """The loads' field over its centre value, h (n,), and v (n,) such that the order is |N h + v D|
+    for a residual D in the image's axes.
 
-    Parameters: `rows`, `cols` (n,), px; `geometry`, row, column, radius (px) and angle of the loads
-    from the column direction (rad). Returns h (n,) and v (n,) such that the order is |N h + v D_0|
-    for a residual D_0 in the image's axes.
+    `geometry`: row, column, radius (px) and angle of the loads from the column direction (rad).
     """
     row, col, radius, angle = np.asarray(geometry, dtype=float)
     place = (cols - col - 1j * (rows - row)) / radius
@@ -173,25 +158,25 @@ def load_field(rows: Array, cols: Array, geometry: ArrayLike) -> tuple[Array, Co
     return (1.0 - np.square(np.abs(place))) / size, below**2 / size * np.exp(2j * angle)
 
 
-def disc_order(grid: DiscPixels, params: ArrayLike) -> Array:
-    """Fringe order (rows, cols) on a grid, 0 outside the disc, by its `params`: the centre order,
-    and the geometry of `load_field`.
+def disc_order(params: ArrayLike, rows: NDArray[Any], cols: NDArray[Any]) -> Array:
+    """Fringe order (n,) at places, 0 outside the disc, by its `params` (5,): the centre order, and
+    the geometry of `load_field`.
     """
     order, *geometry = np.asarray(params, dtype=float)
-    return np.asarray(order * np.maximum(load_field(grid.rows, grid.cols, geometry)[0], 0.0))
+    return np.asarray(order * np.maximum(load_field(rows, cols, geometry)[0], 0.0))
 
 
-def disc_mask(grid: DiscPixels, params: ArrayLike, *, within: float) -> NDArray[np.bool_]:
-    """Pixels where the point-load field holds and the camera resolves it, True = valid.
-
-    Left out: the rim (beyond `within` radii), a zone about each load point, and fringes finer
-    than the pixels show.
+def disc_mask(
+    params: ArrayLike, rows: NDArray[Any], cols: NDArray[Any], *, within: float
+) -> NDArray[np.bool_]:
+    """Pixels (m, n) where the point-load field holds: less the rim (beyond `within` radii), a zone
+    about each load point, and fringes finer than the pixels show.
     """
     _, row, col, radius, angle = np.asarray(params, dtype=float)
-    place = (grid.cols - col + 1j * (grid.rows - row)) / radius
+    place = (cols - col + 1j * (rows[:, None] - row)) / radius
     load = 1j * np.exp(-1j * angle)
     clear = np.minimum(np.abs(place - load), np.abs(place + load)) > LOAD_ZONE
-    slopes = np.gradient(disc_order(grid, params), float(grid.step))
+    slopes = np.gradient(disc_order(params, rows[:, None], cols), float(rows[1] - rows[0]))
     return np.asarray((np.abs(place) < within) & clear & (np.hypot(*slopes) < FINEST))
 
 
@@ -240,24 +225,24 @@ class Scan:
 
 
 def scan_disc(shot: Shot) -> Scan:
-    """Find a disc's rim and scan its centre order; raises PhysicsError where no disc is seen.
+    """Find a disc's rim and scan its centre order; PhysicsError where no disc is seen.
 
-    The middle of the disc serves, where the order depends least on centre, radius and angle; the
-    background takes all that is smooth, so that only fringes count.
+    By its middle, where the order depends least on the geometry; the background takes all that is
+    smooth, so that only fringes count.
     """
     circle = find_rim(shot)
     sizes = product(circle.radius * np.array(RADII), np.radians(ANGLES_DEG))
     geometries = np.array([[circle.row, circle.col, *size] for size in sizes])
     middle = MIDDLE * float(geometries[0, 2])
-    grid = thin_grid(shot.light.shape, replace(circle, radius=middle / 1.08), 3000)
-    near = np.hypot(grid.rows - circle.row, grid.cols - circle.col) < middle
-    light, sigma, valid = (m[grid.pick] for m in (shot.light, shot.sigma, shot.valid))
+    rows, cols = thin_pixels(shot.light.shape, replace(circle, radius=middle / 1.08), 3000)
+    near = np.hypot(rows[:, None] - circle.row, cols - circle.col) < middle
+    light, sigma, valid = (m[np.ix_(rows, cols)] for m in (shot.light, shot.sigma, shot.valid))
     lamp = frame_light(near.shape, terms=(total_degree(1), total_degree(2)))
     problem = prepare(light, mask=valid & near, sigma=sigma, light=lamp)
     columns = problem.columns
     chi = []
     for geometry in geometries:
-        unit = disc_order(grid, [1.0, *geometry])[problem.keep]
+        unit = disc_order([1.0, *geometry], rows[:, None], cols)[problem.keep]
         wave = 0.5 * np.cos(2.0 * np.pi * ORDERS[:, None] * unit)
         signals = 0.5 + wave if shot.bright else 0.5 - wave
         cost, lit = linear_costs(*columns, problem.data[None], signals)
@@ -298,26 +283,26 @@ WITHIN = 0.8
 
 @dataclass(frozen=True)
 class Overlay:
-    """All images on the unit disc: `stack` (n, m, m), its `grid` in radii, `loads` (n,); their
-    `numbers` in a set.
+    """All images on the unit disc: `stack` (n, m, m), at `places` (m,) along both sides, in radii;
+    their `loads` (n,) and `numbers` in a set.
     """
 
     stack: Array
-    grid: DiscPixels
+    places: Array
     loads: Array
     numbers: tuple[int, ...] = ()
 
     @property
     def used(self) -> NDArray[np.bool_]:
         """Pixels (m, m) away from the rim and from the loads."""
-        x, z = self.grid.cols, self.grid.rows
+        x, z = self.places, self.places[:, None]
         return (x**2 + z**2 < WITHIN**2) & (np.abs(z) < MIDDLE)
 
     def field(self, angle: float, scale: float = 1.0, z: float = 0.0, x: float = 0.0) -> Array:
         """Order over centre order (m, m) for loads at `angle` (rad), on a disc that is `scale`
         times the rim as found and lies `z`, `x` radii from it.
         """
-        return disc_order(self.grid, (1.0, z, x, scale, angle))
+        return disc_order((1.0, z, x, scale, angle), self.places[:, None], self.places)
 
 
 @dataclass(frozen=True)
@@ -337,19 +322,17 @@ class Rise:
         return self.explained > 0.5 and self.explained > 1.25 * self.runner_up
 
 
-def overlay(shots: Sequence[Shot], rims: Sequence[Circle]) -> Overlay:
-    """Lay the images over each other on their rims; `shots` (n,), `rims` (n,)."""
+def overlay(shots: Sequence[Shot], rims: Sequence[Circle], numbers: Sequence[int] = ()) -> Overlay:
+    """Lay images (n,) over each other on their rims."""
     from scipy.ndimage import gaussian_filter, map_coordinates
 
-    unit = np.linspace(-WITHIN, WITHIN, SIDE)
+    unit, stack = np.linspace(-WITHIN, WITHIN, SIDE), []
     z, x = np.meshgrid(unit, unit, indexing="ij")
-    stack = []
     for shot, rim in zip(shots, rims, strict=True):
         smooth = gaussian_filter(shot.light, max(1.0, rim.radius / 200.0))
         places = [rim.row + z * rim.radius, rim.col + x * rim.radius]
         stack.append(map_coordinates(smooth, places, order=1, mode="nearest"))
-    grid = DiscPixels(z[:, :1], x[:1], unit[1] - unit[0])
-    return Overlay(np.stack(stack), grid, np.array([s.load_n for s in shots]))
+    return Overlay(np.stack(stack), unit, np.array([s.load_n for s in shots]), tuple(numbers))
 
 
 def rise_with_load(images: Overlay) -> Rise | None:
@@ -367,9 +350,8 @@ def rise_with_load(images: Overlay) -> Rise | None:
 
 
 def _shares(images: Overlay, angle: float, slopes: Array) -> Array:
-    """Share of the variation over the loads that each slope explains, pooled over the pixels.
-
-    Slopes (k,) at even steps: each one's waves are those of the one before, turned by as much.
+    """Share of the variation over the loads that each slope explains, pooled over the pixels; at
+    even steps, as each one's waves are those of the one before, turned by as much.
     """
     field, used = images.field(angle)[:, ::THIN], images.used[:, ::THIN]
     data, unexplained = images.stack[:, :, ::THIN][:, used], np.empty(len(slopes))
@@ -381,17 +363,14 @@ def _shares(images: Overlay, angle: float, slopes: Array) -> Array:
     return np.asarray(1.0 - unexplained / np.sum(varying**2))
 
 
-def pixel_waves(data: Array, orders: Array, field: Array) -> tuple[Array, Array]:
-    """Fit c + a cos(2 pi h N_i) + b sin(2 pi h N_i) at every pixel.
-
-    Parameters: `data` (n, m) intensities, `orders` (n,) N at the centre, `field` (m,) h.
-    Returns the residuals (n, m) and the coefficients (a, b) (2, m).
+def pixel_waves(data: Array, orders: Array, field: Array) -> tuple[Array, Complexes]:
+    """Residuals (n, m) of c + a cos(2 pi h N_i) + b sin(2 pi h N_i) at every pixel, and a + ib;
+    `data` (n, m), `orders` (n,) N at the centre, `field` (m,) h.
     """
-    residual, c = _fit_wave(np.exp(2j * np.pi * orders[:, None] * field), data - data.mean(axis=0))
-    return residual, np.stack([c.real, c.imag])
+    return _fit_wave(np.exp(2j * np.pi * orders[:, None] * field), data - data.mean(axis=0))
 
 
-def _fit_wave(wave: Any, varying: Array) -> tuple[Array, Any]:
+def _fit_wave(wave: Complexes, varying: Array) -> tuple[Array, Complexes]:
     """The residuals (n, m) of a cos + b sin = Re(c* w) by least squares, and c = a + ib (m,).
 
     Of waves w without their mean, and data y (n, m) that have none: with S = sum |w|², Q = sum w²
@@ -407,37 +386,34 @@ def _fit_wave(wave: Any, varying: Array) -> tuple[Array, Any]:
 
 def fit_rise(
     shots: Sequence[Shot], rims: Sequence[Circle], images: Overlay, rise: Rise, diameter_mm: float
-) -> tuple[ImageFit, ...]:
-    """Fit every image's centre order with the residual order free at every pixel.
+) -> list[ImageFit]:
+    """Fit every image's centre order, from a `rise`, with the residual order free at every pixel.
 
-    Parameters: `shots`, their `rims` and `images`, laid over each other; `rise`, the start;
-    `diameter_mm`. Returns the ImageFits; the constant that they share is known up to a whole order,
-    and chosen within half an order at zero load.
+    The constant that they share is known up to a whole order, and chosen within half an order at
+    zero load.
     """
-    fitted = fit_orders(images, rise.slope * images.loads, rise.angle)
-    orders, place = fitted.orders, fitted.place
-    variance = jackknife_variance(_without_blocks(images, fitted))[1:]
+    orders, place, moved = fit_orders(images, rise.slope * images.loads, rise.angle)
+    variance = jackknife_variance(moved)[1:]
     angle, scale, z, x = place
     field, used = images.field(*place), images.used
     residual, waves = pixel_waves(images.stack[:, used], orders, field[used])
     spread = np.sqrt(np.mean(residual**2, axis=1) * len(orders) / (len(orders) - 3))
     errors = np.sqrt(np.concatenate([[variance.mean()], variance]))
     # its order at the centre beside N_i: I ~ -cos 2 pi (h N_i + n) in a dark field
-    near = np.hypot(images.grid.cols, images.grid.rows)[used] < 0.1
-    a, b = waves[:, near].sum(axis=1) * (-1.0 if shots[0].bright else 1.0)
-    offset = float(np.arctan2(b, -a) / (2.0 * np.pi))
+    near = np.hypot(images.places, images.places[:, None])[used] < 0.1
+    wave = waves[near].sum() * (-1.0 if shots[0].bright else 1.0)
+    offset = float(np.angle(-wave.conj()) / (2.0 * np.pi))
     at_no_load = np.polynomial.polynomial.polyfit(images.loads, orders + offset, 1)[0]
     orders = orders + offset - np.round(at_no_load)
-    fits = []
+    position_mm, fits = 0.5 * diameter_mm * images.places, list[ImageFit]()
     for i, (shot, circle) in enumerate(zip(shots, rims, strict=True)):
         row, col = circle.row + z * circle.radius, circle.col + x * circle.radius
         beside, sigma = np.full(field.shape, np.nan), float(np.median(shot.sigma))
         beside[used] = residual[i]
         view = View(
             image=images.stack[i], model=images.stack[i] - beside, residual=beside, sigma=sigma,
-            cut=np.s_[len(field) // 2, :], order=orders[i] * field,
-            position_mm=0.5 * diameter_mm * images.grid.cols[0],
-            pixel_mm=(0.5 * diameter_mm * float(images.grid.step),) * 2,
+            cut=np.s_[len(field) // 2, :], order=orders[i] * field, position_mm=position_mm,
+            pixel_mm=(float(position_mm[1] - position_mm[0]),) * 2,
         )  # fmt: skip
         fits.append(
             ImageFit(
@@ -447,32 +423,24 @@ def fit_rise(
                 view=view,
             )
         )  # fmt: skip
-    return tuple(fits)
+    return fits
 
 
-@dataclass(frozen=True)
-class OrdersFit:
-    """Every image's centre order (n,), the first's as it was given; `place`: the loads' angle, the
-    disc's scale, z and x (4,); `residual` (n, m) and its `jacobian` (n, m, n + 3) by the orders but
-    the first, then the place.
-    """
-
-    orders: Array
-    place: Array
-    residual: Array
-    jacobian: Array
+STRIPS = 4
+"""Strips across and along, in whose blocks the disc is left out one after another."""
 
 
-def fit_orders(images: Overlay, first: Array, angle: float) -> OrdersFit:
+def fit_orders(images: Overlay, first: Array, angle: float) -> tuple[Array, Array, Array]:
     """Fit the centre order of every image with the residual order free at every pixel.
 
-    Parameters: `images` (n,); `first` (n,), the orders to start from, of which the first is kept;
-    `angle` of the loads, rad. Returns an OrdersFit.
+    From the orders `first` (n,), whose first is kept, and the `angle` of the loads, rad. Returns
+    the orders (n,), the loads' angle, the disc's scale, z and x (4,), and how the orders move
+    (b, n) where one block of the disc after another is left out, to first order in that.
     """
     from scipy.optimize import least_squares
 
-    used = images.used
-    data, count = images.stack[:, used], len(first)
+    used, count = images.used, len(first)
+    data = images.stack[:, used]
 
     def left(free: Array) -> Array:
         orders = np.concatenate([first[:1], free[: count - 1]])
@@ -482,9 +450,22 @@ def fit_orders(images: Overlay, first: Array, angle: float) -> OrdersFit:
     size = np.concatenate([np.full(count - 1, 0.1), [0.05, 0.01, 0.01, 0.01]])
     room = np.concatenate([np.full(count - 1, 1.0), [0.2, 0.06, 0.06, 0.06]])
     result = least_squares(left, start, x_scale=size, bounds=(start - room, start + room))
-    orders = np.concatenate([first[:1], result.x[: count - 1]])
     residual, jacobian = result.fun.reshape(count, -1), result.jac.reshape(count, -1, start.size)
-    return OrdersFit(orders, result.x[count - 1 :], residual, jacobian)
+    strips = []  # of equal width, in which each place lies
+    for index in np.nonzero(used)[::-1]:
+        place = images.places[index]
+        edges = np.linspace(place.min(), place.max(), STRIPS + 1)[1:-1]
+        strips.append(np.searchsorted(edges, place))
+    block = strips[0] * STRIPS + strips[1]
+    grams, pulls = [], []
+    for b in np.unique(block):
+        rows = jacobian[:, block == b].reshape(-1, start.size)
+        grams.append(rows.T @ rows)
+        pulls.append(rows.T @ residual[:, block == b].ravel())
+    without, pull = np.sum(grams, axis=0) - grams, np.sum(pulls, axis=0) - pulls
+    moved = np.zeros((len(grams), count))
+    moved[:, 1:] = -np.linalg.solve(without, pull[..., None])[:, : count - 1, 0]
+    return np.append(first[:1], result.x[: count - 1]), result.x[count - 1 :], moved
 
 
 BEYOND = 1.5
@@ -498,9 +479,6 @@ TOLD = 0.3
 
 APART, CLEARER = 0.5, 0.8
 """Another load, so many fringes away, must leave more: the best leaves less than this of it."""
-
-STRIPS = 4
-"""Strips across and along, in whose blocks the disc is left out one after another."""
 
 
 @dataclass(frozen=True)
@@ -517,41 +495,50 @@ class LoadReading:
 
 def lay_series(shots: Sequence[Shot], numbers: Sequence[int]) -> Overlay:
     """Lay numbered frames of known loads over each other; PhysicsError where no disc is seen."""
-    return replace(overlay(shots, [find_rim(shot) for shot in shots]), numbers=tuple(numbers))
+    return overlay(shots, [find_rim(shot) for shot in shots], numbers)
 
 
 def read_load(series: Overlay, shot: Shot, number: int) -> LoadReading:
     """Read the load of a frame against the frames of known loads, itself left out of them.
 
-    All orders N_i are fitted with a, b, c free at every pixel; the line N = k P + N0 gives (N -
-    N0)/k. u² = u_J² + s² (1 + wᵀ w) (n - 2)/(n - 4)/k²: u_J by `jackknife_variance` over blocks of
-    the disc, s the n known loads' scatter about the line, w their weights in it there; Student's t:
-    Gelman et al. (2013), Bayesian Data Analysis, 3.2. PhysicsError: no disc, under five loads.
+    From the line N = k P + N0 through all orders, fitted with a, b, c free at every pixel: u² =
+    u_J² + s² (1 + wᵀ w) (n - 2)/(n - 4)/k², u_J by `jackknife_variance` over blocks of the disc, s
+    the n known loads' scatter, w their weights there; Student's t: Gelman et al. (2013), Bayesian
+    Data Analysis, 3.2. PhysicsError: no disc, under five loads, or none that is clear.
     """
     others = [i for i, other in enumerate(series.numbers) if other != number]
-    known = Overlay(series.stack[others], series.grid, series.loads[others])
-    count = np.unique(known.loads).size
+    known = Overlay(series.stack[others], series.places, series.loads[others])
     rise = rise_with_load(known)
     if rise is None:
+        count = np.unique(known.loads).size
         raise PhysicsError(
             "other_loads_known_least", name=shot.name, count=count, fewest_loads=FEWEST_LOADS
         )
     rim = find_rim(shot)
     frame = overlay([shot], [rim])
-    start = _coarse(known, frame, rise, shot.name)
+    light, proportional = frame.stack[0][frame.used], rise.slope * known.loads
+    predict = _prediction(known, proportional, known.field(rise.angle))
+    tried = np.arange(STEP, BEYOND * proportional.max(), STEP)
+    costs = np.array([np.mean((light - predict(order)) ** 2) for order in tried])
+    best = int(np.argmin(costs))
+    away = np.abs(tried - tried[best]) > APART
+    lowest = (costs < np.roll(costs, 1)) & (costs < np.roll(costs, -1)) & away
+    explained = 1.0 - costs[best] / np.var(light)
+    if explained < TOLD or np.any(costs[lowest] * CLEARER < costs[best]):
+        raise PhysicsError(
+            "frames_known_loads_explain", name=shot.name, explained=100 * max(0.0, explained)
+        )
     both = replace(known, stack=np.concatenate([known.stack, frame.stack]))
-    fit = fit_orders(both, np.append(rise.slope * known.loads, start), rise.angle)
+    orders, place, moved = fit_orders(both, np.append(proportional, tried[best]), rise.angle)
     design = np.stack([known.loads, np.ones_like(known.loads)], axis=1)
     inverse, free = np.linalg.pinv(design), len(known.loads) - 2
-    slope, intercept = inverse @ fit.orders[:-1]
-    load = float((fit.orders[-1] - intercept) / slope)
+    slope, intercept = inverse @ orders[:-1]
+    load = float((orders[-1] - intercept) / slope)
     weights = np.array([load, 1.0]) @ inverse
-    scatter = np.sum((fit.orders[:-1] - design @ (slope, intercept)) ** 2) / free
-    moved = _without_blocks(both, fit) @ np.append(-weights, 1.0)
-    variance = float(jackknife_variance(moved))
+    scatter = np.sum((orders[:-1] - design @ (slope, intercept)) ** 2) / free
+    variance = float(jackknife_variance(moved @ np.append(-weights, 1.0)))
     variance += scatter * (1.0 + weights @ weights) * free / (free - 2)
-    light = frame.stack[0][frame.used]
-    predicted = _prediction(known, fit.orders[:-1], fit.place)(float(fit.orders[-1]))
+    predicted = _prediction(known, orders[:-1], known.field(*place))(float(orders[-1]))
     residual = float(np.mean((light - predicted) ** 2))
     low, high = known.loads.min(), known.loads.max()
     return LoadReading(
@@ -562,60 +549,15 @@ def read_load(series: Overlay, shot: Shot, number: int) -> LoadReading:
     )  # fmt: skip
 
 
-def _coarse(known: Overlay, frame: Overlay, rise: Rise, name: str) -> float:
-    """The centre order with which the known frames predict this one best (fringes)."""
-    predict = _prediction(known, rise.slope * known.loads, np.array([rise.angle, 1.0, 0.0, 0.0]))
-    light = frame.stack[0][frame.used]
-    tried = np.arange(STEP, BEYOND * rise.slope * known.loads.max(), STEP)
-    residual = np.array([np.mean((light - predict(order)) ** 2) for order in tried])
-    best = int(np.argmin(residual))
-    away = np.abs(tried - tried[best]) > APART
-    lowest = (residual < np.roll(residual, 1)) & (residual < np.roll(residual, -1)) & away
-    explained = 1.0 - residual[best] / np.var(light)
-    if explained < TOLD or np.any(residual[lowest] * CLEARER < residual[best]):
-        raise PhysicsError(
-            "frames_known_loads_explain", name=name, explained=100 * max(0.0, explained)
-        )
-    return float(tried[best])
-
-
-def _prediction(known: Overlay, orders: Array, place: Array) -> Callable[[float], Array]:
-    """The light (m,) that frames of known loads make of another, by its order at the centre.
-
-    Parameters: `known` (n,); their `orders` (n,); `place`, see `fit_orders`.
+def _prediction(known: Overlay, orders: Array, field: Array) -> Callable[[float], Array]:
+    """The light (m,) that frames of known loads, of `orders` (n,) at the centre, make of another
+    order there, on the `field`.
     """
-    used, field = known.used, known.field(*place)[known.used]
-    data = known.stack[:, used]
-    cosine, sine = pixel_waves(data, orders, field)[1]
+    data, field = known.stack[:, known.used], field[known.used]
+    waves = pixel_waves(data, orders, field)[1].conj()
 
     def light(order: float) -> Array:
-        phase = 2.0 * np.pi * order * field
-        return np.asarray(cosine * np.cos(phase) + sine * np.sin(phase))
+        return np.asarray((waves * np.exp(2j * np.pi * order * field)).real)
 
     constant = np.mean(data - [light(n) for n in orders], axis=0)
     return lambda order: constant + light(order)
-
-
-def _without_blocks(images: Overlay, fit: OrdersFit) -> Array:
-    """How the orders (B, n) move where one block of the disc after another is left out.
-
-    To first order in what is left out; the first image's order is held.
-    """
-    used = images.used
-    strips = []  # of equal width, in which each place lies
-    for places in (images.grid.cols, images.grid.rows):
-        place = np.broadcast_to(places, used.shape)[used]
-        edges = np.linspace(place.min(), place.max(), STRIPS + 1)[1:-1]
-        strips.append(np.searchsorted(edges, place))
-    block = strips[0] * STRIPS + strips[1]
-    grams, pulls = [], []
-    for b in np.unique(block):
-        rows = fit.jacobian[:, block == b].reshape(-1, fit.jacobian.shape[-1])
-        grams.append(rows.T @ rows)
-        pulls.append(rows.T @ fit.residual[:, block == b].ravel())
-    total, pull = np.sum(grams, axis=0), np.sum(pulls, axis=0)
-    count = len(fit.orders)
-    moved = np.zeros((len(grams), count))
-    for i, (gram, one) in enumerate(zip(grams, pulls, strict=True)):
-        moved[i, 1:] = -np.linalg.solve(total - gram, pull - one)[: count - 1]
-    return moved

@@ -19,7 +19,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from isochrome.calibration.order_line import Input, ResidualOrder
+from isochrome.calibration.order_line import (
+    Input,
+    ResidualOrder,
+    calibration_of,
+    check_stated_size,
+    set_images,
+    stated_values,
+)
 from isochrome.calibration.result import CONTRADICTED, Calibration, ImageFit
 from isochrome.calibration.settings import CalibrationSet, SetLike, load_set
 from isochrome.calibration.shot import (
@@ -32,16 +39,7 @@ from isochrome.calibration.shot import (
     calibrate_channels,
     unused,
 )
-from isochrome.calibration.whole_set.set_fit import (
-    alike_fits,
-    best_first,
-    calibration_of,
-    check_stated_size,
-    fit_set,
-    set_images,
-    stated_values,
-)
-from isochrome.calibration.whole_set.set_model import Kind, SetFit, SetModel
+from isochrome.calibration.whole_set import Kind, SetFit, SetModel, alike_fits, best_first, fit_set
 from isochrome.errors import InputError, PhysicsError
 from isochrome.messages import message
 
@@ -72,15 +70,12 @@ class BeamView:
     edges_px: float | None = None
 
     def refined(self, shot: Shot, slope: float, tilt: float) -> BeamView:
-        """The view with the edges between which a sinusoid of some slope explains most.
-
-        The first guess has the slope roughly only, and an edge of order 1 is as dark as what lies
-        beyond it: a few rows of that would pull the fit.
+        """The view with the edges between which a sinusoid of some slope explains most: an edge of
+        order 1 is as dark as what lies beyond it, of which a few rows would pull the fit.
         """
         rows, values, count = _profile(shot, tilt)
-        reach = EDGE_REACH * self.height_px
+        reach, top = EDGE_REACH * self.height_px, self.top
         edges = np.rint([self.top, self.top + self.height_px])
-        top = self.top
         for moved in ((1.0, 1.0), (1.0, 0.0), (0.0, 1.0)):  # of a beam as high as stated, and each
             tried = edges + np.rint(np.arange(-reach, reach))[:, None] * moved
             cost, _ = _scan(rows, values, count, tried, np.array([slope]), 2)
@@ -92,9 +87,8 @@ class BeamView:
 
 
 def find_beam(shot: Shot, height_px: float) -> BeamView:
-    """Find a beam's tilt, top edge and candidate fringe slopes.
+    """Find a beam's tilt, top edge and candidate fringe slopes, of its height in pixels.
 
-    Parameters: `shot`; `height_px`, the beam's height in pixels. Returns a BeamView. Raises
     PhysicsError where no fringes rise across the height, InputError for another size.
     """
     from scipy.signal import argrelmin
@@ -105,7 +99,15 @@ def find_beam(shot: Shot, height_px: float) -> BeamView:
             "beam_height_mm_camera_pixel_mm", name=shot.name, height_px=height_px, seen=lines,
             smallest_px=SMALLEST_PX, seen_2=LARGEST_FRAMES * lines,
         )  # fmt: skip
-    tilt = _tilt(shot)
+    # the shear (rows a column) under which the profile over the rows has the most contrast
+    tilt, half = 0.0, np.tan(np.radians(LARGEST_TILT))
+    for step in np.tan(np.radians([0.25, 0.05])):
+        shears, contrasts = tilt + np.arange(-half, half + 1e-9, step), []
+        for shear in shears:
+            _, values, count = _profile(shot, shear)
+            mean = np.average(values, weights=count)
+            contrasts.append(np.average((values - mean) ** 2, weights=count))
+        tilt, half = float(shears[int(np.argmax(contrasts))]), step
     rows, values, count = _profile(shot, tilt)
     in_view = min(height_px, float(rows[-1] - rows[0] + 1))
     # at least 60 % of the smaller of beam and frame is in view
@@ -124,20 +126,6 @@ def find_beam(shot: Shot, height_px: float) -> BeamView:
     row += np.round((tops[place] + 0.5 * height_px - row) * slope) / slope
     starts = np.stack([slope, row, np.full(len(best), tilt)], axis=1)
     return BeamView(height_px, float(tops[place]), tilt, starts)
-
-
-def _tilt(shot: Shot) -> float:
-    """Shear (rows a column) under which the profile over the rows has the most contrast."""
-    centre, half = 0.0, np.tan(np.radians(LARGEST_TILT))
-    for step in (0.25, 0.05):
-        shears = centre + np.arange(-half, half + 1e-9, np.tan(np.radians(step)))
-        sharp = []
-        for shear in shears:
-            _, values, count = _profile(shot, shear)
-            weight = count / count.sum()
-            sharp.append(np.sum(weight * (values - np.sum(weight * values)) ** 2))
-        centre, half = float(shears[int(np.argmax(sharp))]), np.tan(np.radians(step))
-    return centre
 
 
 def _profile(shot: Shot, shear: float) -> tuple[Array, Array, Array]:
@@ -162,8 +150,8 @@ def _profile(shot: Shot, shear: float) -> tuple[Array, Array, Array]:
 def _scan(
     rows: Array, values: Array, count: Array, edges: Array, slopes: Array, falls: int = 0
 ) -> tuple[Array, Array]:
-    """Residual (m, slopes) of a sinusoid between two edges (m, 2), and of a line outside of each;
-    phase of its maximum. `falls`, the degree of the sinusoid's amplitude along the rows.
+    """Residual (m, slopes) of a sinusoid, its amplitude a polynomial of degree `falls`, between two
+    edges (m, 2), and of a line outside of each; phase of its maximum.
     """
     cost, phase = np.empty((2, len(edges), len(slopes)))
     angle = 2.0 * np.pi * slopes[:, None] * rows
@@ -199,10 +187,8 @@ FAINTEST = 2.0
 
 
 def beam_order(params: ArrayLike, y: Array, x: Array) -> Array:
-    """Order, with its sign, in pure bending: N = slope (y - row - tilt x).
-
-    Parameters: `params` (3,), slope (fringe/px), row of N = 0 at x = 0, tilt (rows a column);
-    `y`, `x` in pixels, x from the frame's middle.
+    """Order, with its sign, in pure bending: N = slope (y - row - tilt x), of `params` (3,), slope
+    (fringe/px), row of N = 0 and tilt (rows a column), x in pixels from the frame's middle.
     """
     slope, row, tilt = np.asarray(params, dtype=float)
     return np.asarray(slope * (y - row - tilt * x))
@@ -213,14 +199,19 @@ def fit_beam(shot: Shot, height_px: float) -> tuple[BeamView, SetFit]:
 
     Raises PhysicsError for too few fringes, an ambiguous slope or a fit that did not converge.
     """
-    view = find_beam(shot, height_px)
+    view, (lines, width) = find_beam(shot, height_px), shot.light.shape
     stride = max(1, int(np.ceil(shot.light.size / PIXELS)))
-    cols = np.arange(stride // 2, shot.light.shape[1], stride, dtype=np.intp)
+    rows, cols = np.arange(lines), np.arange(stride // 2, width, stride)
     starts, fits = [*view.starts], list[SetFit]()
     for margin in (EDGE_REACH, RIM, RIM):  # more at first, while the edges are known roughly
         if fits:
             view = view.refined(shot, float(fits[0].values[0]), float(fits[0].values[2]))
-        model = _model(shot, view, cols, margin)
+        depth = rows[:, None] - view.tilt * (cols - 0.5 * (width - 1)) - view.top
+        inside = np.abs(depth - 0.5 * height_px) < 0.5 * height_px - max(4.0, margin * height_px)
+        model = SetModel(
+            kind=beam_kind(view, width), shots=[shot], rows=rows, cols=cols,
+            masks=(shot.valid[:, cols] & inside)[None],
+        )  # fmt: skip
         fits = best_first(model.fit(start) for start in starts)
         if not fits:  # every start turned the light negative
             raise PhysicsError("fringes_not_those_pure", name=shot.name)
@@ -229,7 +220,7 @@ def fit_beam(shot: Shot, height_px: float) -> tuple[BeamView, SetFit]:
     slope, spread = float(best.values[0]), float(np.sqrt(best.covariance[0, 0]))
     if np.std(best.point.gain(0) * best.point.signals[0]) < FAINTEST:
         raise PhysicsError("too_few_fringes_too", name=shot.name)
-    fringes = slope * min(view.height_px, float(shot.light.shape[0]))
+    fringes = slope * min(height_px, float(lines))
     if best.explained and (fringes < FEWEST_FRINGES or spread > 0.2 * slope):
         raise PhysicsError("fringes_view_too_few", name=shot.name, seen_px=fringes)
     rivals = [m for m in alike if abs(m.values[0] / slope - 1) > 0.02]
@@ -242,39 +233,10 @@ def fit_beam(shot: Shot, height_px: float) -> tuple[BeamView, SetFit]:
     return view, best
 
 
-def _model(shot: Shot, view: BeamView, cols: NDArray[np.intp], share: float) -> SetModel:
-    """An image's fringes inside the beam, less a `share` of it at each edge, on the columns."""
-    rows = np.arange(len(shot.light))
-    margin = max(4.0, share * view.height_px)
-    depth = rows[:, None] - view.tilt * (cols - 0.5 * (shot.light.shape[1] - 1)) - view.top
-    inside = (depth > margin) & (depth < view.height_px - margin)
-    return SetModel(
-        kind=beam_kind(view, shot.light.shape[1]), shots=[shot], rows=rows, cols=cols,
-        masks=(shot.valid[:, cols] & inside)[None],
-    )  # fmt: skip
-
-
 MOMENT = "a moment that changes along the beam"
 
 BENT = 0.02
 """Change of the slope along the span, to either side, that is no pure bending."""
-
-
-def fit_beam_set(fits: Sequence[SetFit], idle: Sequence[Shot], held: dict[str, float]) -> SetFit:
-    """The set with what it shows: each loaded image's own fit, and the unloaded ones; `held`, what
-    the set states of the camera, by its keys.
-    """
-    first = fits[0].model
-    step = max(1, int(np.count_nonzero(first.masks) / PIXELS))
-    cols = first.cols[::step]
-    masks = [fit.model.masks[0][:, ::step] for fit in fits]
-    common = np.logical_and.reduce(masks)
-    masks += [common & shot.valid[:, cols] for shot in idle]
-    model = replace(
-        first, shots=[*(fit.model.shots[0] for fit in fits), *idle], cols=cols,
-        masks=np.stack(masks), held=held, uneven=None,
-    )  # fmt: skip
-    return fit_set(model, np.array([fit.values for fit in fits]))
 
 
 def beam_kind(view: BeamView, width: int) -> Kind:
@@ -285,23 +247,20 @@ def beam_kind(view: BeamView, width: int) -> Kind:
     """
     middle, half = 0.5 * (width - 1), 0.5 * view.height_px
 
-    def along(cols: Array) -> Array:
+    def by_moment(unknowns: Array, _: Array, rows: Array, cols: Array) -> Array:
         t = (cols - middle) / (0.5 * width)
-        return np.stack([t, t * t - 1.0 / 3.0])
+        return beam_order(unknowns, rows, cols - middle) * np.stack([t, t * t - 1.0 / 3.0])
 
     def order(unknowns: Array, besides: Array, rows: Array, cols: Array) -> Array:
         pure = beam_order(unknowns, rows, cols - middle)
-        return pure * (1.0 + besides @ along(cols)) if besides.any() else pure
+        return pure + besides @ by_moment(unknowns, besides, rows, cols) if besides.any() else pure
 
     def idle(first: Array, square: Array) -> Array:
         _, row, tilt = first
-        slope = np.sqrt(square[0]) / (half * np.hypot(1.0, tilt))
-        return np.array([slope, row, tilt])
+        return np.array([np.sqrt(square[0]) / (half * np.hypot(1.0, tilt)), row, tilt])
 
     return Kind(
-        besides=MOMENT, order=order,
-        by_besides=lambda u, _, rows, cols: beam_order(u, rows, cols - middle) * along(cols),
-        sizes=np.full(2, 0.5 * BENT),
+        besides=MOMENT, order=order, by_besides=by_moment, sizes=np.full(2, 0.5 * BENT),
         largest=np.array([0.1 / view.height_px, 0.1 * view.height_px, 0.01]),
         idle=idle, idle_largest=np.ones(1),
     )  # fmt: skip
@@ -310,8 +269,7 @@ def beam_kind(view: BeamView, width: int) -> Kind:
 def check_span(fit: SetFit) -> float:
     """By how much the slope changes along the span to either side of its middle, at the most.
 
-    One as large as no bench has is shear, and no pure bending. Raises PhysicsError; also where pure
-    bending explains little of the images.
+    PhysicsError for more than on any bench, which is shear, and where this explains little.
     """
     if not fit.explained:
         raise PhysicsError("fringes_not_those_pure", name=fit.model.shots[0].name)
@@ -327,45 +285,34 @@ def check_span(fit: SetFit) -> float:
 
 def beam_images(
     fit: SetFit, views: Sequence[BeamView], pixel_mm: float
-) -> tuple[list[ImageFit], Array, tuple[ResidualOrder, ...]]:
+) -> tuple[list[ImageFit], Array, list[ResidualOrder]]:
     """The images' results from a whole set's fit, their orders' covariance (m, m), and what the
-    unloaded images show where their light is the others'.
-
-    Parameters: `views`, the loaded images' own; `pixel_mm`.
+    unloaded images show where their light is the others'; `views`, the loaded images' own.
     """
-    unknowns, count = fit.own, len(views)
-    half = 0.5 * views[0].height_px
-    factor = np.hypot(1.0, unknowns[:, 2]) * half
-    orders, by_values = unknowns[:, 0] * factor, np.zeros((count, fit.model.size))
-    by_values[range(count), [fit.model.places[i][0] for i in range(count)]] = factor
-    rows, cols = fit.model.rows, fit.model.cols
-    stride = float(cols[1] - cols[0]) if len(cols) > 1 else 1.0
-    geometries = (
-        {
+    model = fit.model
+    linear, places, unloaded = np.zeros((len(views), model.size)), [], []
+    stride = float(model.cols[1] - model.cols[0]) if len(model.cols) > 1 else 1.0
+    for i, (view, (slope, row, tilt)) in enumerate(zip(views, fit.own, strict=True)):
+        per_px = float(np.hypot(1.0, tilt))
+        linear[i, model.places[i][0]] = 0.5 * view.height_px * per_px
+        geometry = {
             "tilt_deg": float(np.degrees(np.arctan(-tilt))),
             "neutral_axis_row_px": float(row),
             "top_edge_row_px": view.top,
-            "fringes_per_mm": float(order / half / pixel_mm),
+            "fringes_per_mm": float(slope * per_px / pixel_mm),
         }
-        for (_, row, tilt), order, view in zip(unknowns, orders, views, strict=True)
-    )
-    cuts = (
-        {
-            "cut": np.s_[:, len(cols) // 2],
-            "position_mm": (rows - row) * pixel_mm,
+        cut = {
+            "cut": np.s_[:, len(model.cols) // 2],
+            "position_mm": (model.rows - row) * pixel_mm,
             "pixel_mm": (pixel_mm, pixel_mm * stride),
         }
-        for _, row, _ in unknowns
-    )
-    images, covariance = set_images(fit, orders, by_values, geometries, cuts)
-    unloaded = []
-    same = not (fit.model.exposures or fit.model.apart)
-    for index in range(count, len(fit.model.shots) if same else 0):
-        (place,) = fit.model.places[index]
-        spread = float(np.sqrt(fit.covariance[place, place]))
-        square = float(fit.values[place])
-        unloaded.append(ResidualOrder(fit.model.shots[index].name, square, spread))
-    return images, covariance, tuple(unloaded)
+        places.append((geometry, cut))
+    if not (model.exposed or model.apart):
+        for i, shot in enumerate(model.shots[len(views) :], start=len(views)):
+            (place,) = model.places[i]
+            spread = float(np.sqrt(fit.covariance[place, place]))
+            unloaded.append(ResidualOrder(shot.name, float(fit.values[place]), spread))
+    return *set_images(fit, linear, places), unloaded
 
 
 def calibrate_bending(source: SetLike) -> Calibration:
@@ -426,7 +373,17 @@ def bending_from_shots(shots: Sequence[Shot], given: CalibrationSet) -> Calibrat
     idle = [shot for shot in shots if not shot.load_n]
     height_px = beam.height_mm / pixel_mm
     views, fits = zip(*(fit_beam(s, height_px) for s in shots if s.load_n), strict=True)
-    set_fit = fit_beam_set(fits, idle, stated_values(given))
+    first = fits[0].model
+    thinned = np.s_[:: max(1, int(np.count_nonzero(first.masks) / PIXELS))]
+    cols = first.cols[thinned]
+    masks = [fit.model.masks[0][:, thinned] for fit in fits]
+    common = np.logical_and.reduce(masks)
+    masks += [common & shot.valid[:, cols] for shot in idle]
+    model = replace(
+        first, shots=[*(fit.model.shots[0] for fit in fits), *idle], cols=cols,
+        masks=np.stack(masks), held=stated_values(given), uneven=None,
+    )  # fmt: skip
+    set_fit = fit_set(model, np.array([fit.values for fit in fits]))
     change = check_span(set_fit)
     images, covariance, unloaded = beam_images(set_fit, views, pixel_mm)
     messages = [message("moment_changes_along_beam", change=100.0 * change)] if change else []

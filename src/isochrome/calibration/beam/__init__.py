@@ -1,1 +1,0 @@
-"""The fringe value from four-point bending."""

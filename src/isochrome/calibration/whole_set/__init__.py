@@ -1,1 +1,0 @@
-"""All images of a calibration in one model: their common light, exposures, lens and tone."""
