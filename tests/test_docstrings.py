@@ -45,7 +45,7 @@ SETTINGS = {"scene": ("Scene",), "calibration": ("CalibrationSet", "ColourSet", 
 
 PARTS = {
     "isochrome.calibration": ("ImageFit", "MeasuredValue", "ScalePicture", "WornDistance"),
-    "isochrome.calibration.wear_result": ("WearLawFit",),
+    "isochrome.calibration.wear_coefficient": ("WearLawFit",),
     "isochrome.comparison": ("ComparedFrames", "FrameMetrics", "ScarPair"),
     "isochrome.contact": ("ContactGrid", "SurfaceState"),
     "isochrome.drafting": ("DraftValue", "OpenKey"), "isochrome.estimation": ("BudgetInput",),

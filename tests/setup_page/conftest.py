@@ -52,6 +52,6 @@ def served(session):
         yield server
     finally:
         if not server.is_ended:
-            server.end()
+            server.is_ended = True
         thread.join(20)
         assert not thread.is_alive()

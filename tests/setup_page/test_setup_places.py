@@ -7,7 +7,7 @@ import pytest
 
 from isochrome.errors import InputError
 from isochrome.scene import parse_scene
-from isochrome.setup_page import on_line, pixel_scale, placed_at, seen_at, surface_roll
+from isochrome.setup_page import pixel_scale, placed_at, seen_at, surface_roll
 from isochrome.stress import pixel_grid
 
 
@@ -53,7 +53,6 @@ def test_the_roll_of_a_surface_that_the_camera_sees_turned(roll):
     ends = [seen_at(pixels, x, 0.0) for x in (-1.0, 1.2)]
     assert surface_roll(*ends) == pytest.approx(roll, abs=1e-9)
     assert surface_roll(*reversed(ends)) == pytest.approx(roll, abs=1e-9)
-    assert on_line(*ends, ends[0][1]) == pytest.approx(ends[0][0])
 
 
 @pytest.mark.parametrize(

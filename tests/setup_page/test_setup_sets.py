@@ -221,7 +221,8 @@ def with_causes(session, monkeypatch, residual=None):
         images=(image,), budget=(), warnings=(*map(cause_sentence, CAUSES), plain),
         causes=CAUSES, residual=residual,
     )  # fmt: skip
-    monkeypatch.setattr(session, "calibrate", lambda: found)
+    run = "calibrate_bending" if session.subject == "bending" else "calibrate_disc"
+    monkeypatch.setattr(f"isochrome.setup_page.session.{run}", lambda given: found)
     told = calibration_answer(session)
     assert told["warnings"] == [plain]
     return told

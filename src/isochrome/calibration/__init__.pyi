@@ -1,4 +1,4 @@
-from .camera_scale import calibrate_scale, fit_target
+from .camera_scale import MeasuredValue, ScaleCalibration, ScalePicture, calibrate_scale, fit_target
 from .colour import ColourCalibration, calibrate_colour, check_light, read_colour_shots
 from .disc.api import calibrate_disc, disc_from_shots
 from .disc.disc_field import (
@@ -14,11 +14,9 @@ from .four_point_bending import bending_from_shots, calibrate_bending
 from .order_line import Input, cause_sentence, fit_line, uncertainty_budget, widened_to_held_out
 from .result import BudgetItem, Calibration, ImageFit
 from .saved import calibration_report, check_scene_file, save_calibration, write_into_scene
-from .scale_result import MeasuredValue, ScaleCalibration, ScalePicture
 from .settings import Beam, CalibrationSet, ColourSet, Disc, LoadedImage, Uncertainty, load_set
 from .shot import Shot, read_shots
-from .wear_coefficient import calibrate_wear
-from .wear_result import WearCalibration, WornDistance
+from .wear_coefficient import WearCalibration, WornDistance, calibrate_wear
 from .wear_set import TraceScar, WearSet, worn_volumes
 
 __all__ = [

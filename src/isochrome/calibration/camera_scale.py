@@ -7,27 +7,278 @@ points weigh the same; their noise is their residual's own scatter.
 Source: Zhang (2000), IEEE Trans. Pattern Anal. Mach. Intell. 22, 1330-1334, for a plane target.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, gaussian_filter1d
 from scipy.special import chdtri
 
-from isochrome.calibration.result import CONTRADICTED, UNLIKELY
-from isochrome.calibration.scale_result import LENS, MeasuredValue, ScaleCalibration, ScalePicture
+from isochrome.calibration.result import CONTRADICTED, MOST_SHOWN, UNLIKELY
 from isochrome.errors import InputError, PhysicsError
 from isochrome.estimation import NOISE, BudgetInput, BudgetRow, budget_items
+from isochrome.figures import (
+    FRAME_MAP,
+    LINE_COLOURS,
+    OVERLAY_COLOUR,
+    PaperPanels,
+    PictureKind,
+    budget_plot,
+    chosen_frames,
+    panels_figure,
+    plain_name,
+    show_image,
+)
 from isochrome.frames import open_frames
-from isochrome.messages import message
+from isochrome.messages import message, warnings_json
+from isochrome.output import Result, columns_of, counted, with_uncertainty
 from isochrome.scene import FramesLike, frames_of
 from isochrome.stress import Lens
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from matplotlib.image import AxesImage
+
 Array = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
+
+LENS = ("distortion", "keystone_x", "keystone_z")
+"""What bends the picture; each is a key of a scene's [camera], as is pixel_mm."""
+
+_NAMES = ("pixel_mm", *LENS, "roll_deg")
+
+
+@dataclass(frozen=True)
+class MeasuredValue:
+    """A value and its standard uncertainty.
+
+    Parameters
+    ----------
+    value : float
+        The value.
+    standard_uncertainty : float
+        Its standard uncertainty, in the same unit.
+    """
+
+    value: float
+    standard_uncertainty: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScalePicture:
+    """One picture's part of a scale.
+
+    Parameters
+    ----------
+    file : str
+        Its name.
+    image : (rows, cols) array
+        Its grey levels.
+    places : (n, 2) array
+        Column and row of the points that were found, px.
+    residual_px : (n, 2) array
+        What the model leaves of them, px.
+    roll : MeasuredValue, optional
+        How it is turned against the target, degrees; None by edges.
+    """
+
+    file: str
+    image: Array
+    places: Array
+    residual_px: Array
+    roll: MeasuredValue | None = None
+
+    @property
+    def rms_px(self) -> float:
+        """Root mean square of the residual of a coordinate, px."""
+        return float(np.sqrt(np.mean(self.residual_px**2)))
+
+    def to_json(self) -> dict[str, Any]:
+        """Its file, how many points it shows, their residual and the target's roll."""
+        return {
+            "file": self.file,
+            "corners": len(self.places),
+            "residual_px": self.rms_px,
+            "roll_deg": None if self.roll is None else vars(self.roll),
+        }
+
+
+@dataclass(frozen=True, repr=False, kw_only=True)
+class ScaleCalibration(Result):
+    """The size of a pixel and the lens's distortion and keystone, with standard uncertainties.
+
+    Parameters
+    ----------
+    target : str
+        'chessboard', 'dots' or 'edges'.
+    shape : tuple of int
+        Rows and columns of the pictures.
+    pixel_mm : MeasuredValue
+        Side of a pixel at the picture's middle, mm.
+    distortion, keystone_x, keystone_z : MeasuredValue or None
+        As a scene's camera has them; None by edges, which do not tell them.
+    roll_deg : MeasuredValue or None
+        How the first picture is turned against the target, counter-clockwise, degrees.
+    residual_px : float
+        Root mean square of what the model leaves of a coordinate, px.
+    corners : int
+        Corners or dots in all pictures, or points along edges.
+    images : tuple of ScalePicture
+        The pictures' parts.
+    budget : tuple of BudgetInput
+        What the uncertainty of `pixel_mm` consists of.
+    taken_as_exact : tuple of str
+        Inputs that no uncertainty was given of.
+    warnings : tuple of str
+        What the user should know.
+    """
+
+    target: str
+    shape: tuple[int, int]
+    pixel_mm: MeasuredValue
+    distortion: MeasuredValue | None
+    keystone_x: MeasuredValue | None
+    keystone_z: MeasuredValue | None
+    roll_deg: MeasuredValue | None
+    residual_px: float
+    corners: int
+    images: tuple[ScalePicture, ...]
+    budget: tuple[BudgetInput, ...]
+    taken_as_exact: tuple[str, ...]
+    warnings: tuple[str, ...]
+
+    @property
+    def values(self) -> dict[str, MeasuredValue]:
+        """Those that were found, by their names."""
+        return {name: value for name in _NAMES if (value := getattr(self, name)) is not None}
+
+    @property
+    def columns(self) -> dict[str, list[Any]]:
+        """A row a value."""
+        return columns_of([{"key": key, **vars(value)} for key, value in self.values.items()])
+
+    @property
+    def budget_columns(self) -> dict[str, list[Any]]:
+        """Those of budget.csv: a row an input, the largest share first."""
+        return columns_of(
+            [item.to_json() | {"contribution_mm": item.contribution} for item in self.budget]
+        )
+
+    @property
+    def title(self) -> str:
+        """What was seen, and in how many pictures."""
+        what = "two edges" if self.target == "edges" else self.target
+        return f"Scale from {what} in {counted(len(self.images), 'image')}"
+
+    def main_values(self) -> Iterator[tuple[str, str]]:
+        """Each value with its uncertainty, and the residual."""
+        for name, measured in self.values.items():
+            yield name, with_uncertainty(measured.value, measured.standard_uncertainty)
+        yield "residual", f"{self.residual_px:.3f} px over {counted(self.corners, 'point')}"
+
+    def figure(self) -> Figure:
+        """Each picture with its points and their residuals magnified, and the budget."""
+        texts = _texts(self)
+        head = ["    ".join(line) for line in (texts[:1] + texts[4:], texts[1:4]) if line]
+        panels = self.panels(tuple(range(len(self.images[:MOST_SHOWN]))))
+        return panels_figure(replace(panels, notes=panels.notes[1:]), "\n".join(head))
+
+    def panels(self, frames: tuple[int, ...] | None = None) -> PaperPanels:
+        """Give pictures with their points, and the budget, for a paper; see `paper_figure`.
+
+        `frames`: numbers of the pictures that are shown. Raises InputError where one is not there.
+        """
+        images = self.images
+        few = range(min(len(images), _FOR_PAPER))
+        shown = [images[k] for k in chosen_frames(frames, len(images), few, items="pictures")]
+        # residuals are drawn so many times as long: 1, 2 or 5 times a power of ten
+        largest = max(float(np.percentile(np.hypot(*p.residual_px.T), 95)) for p in shown)
+        most = _LONGEST_ARROW * self.shape[1] / max(largest, 1e-9) * 1.0001
+        decade = 10.0 ** np.floor(np.log10(most))
+        factor = float(max(step for step in (1.0, 2.0, 5.0) if step * decade <= most) * decade)
+
+        def draw(axes: Axes, k: int) -> AxesImage:
+            picture = shown[k]
+            low, high = np.percentile(picture.image, [0.5, 99.5]).tolist()
+            drawn = show_image(axes, picture.image, cmap=FRAME_MAP, vmin=low, vmax=high)
+            pick = slice(None, None, -(-len(picture.places) // MOST_POINTS))
+            (x, z), (u, v) = picture.places[pick].T, factor * picture.residual_px[pick].T
+            axes.plot(x, z, "o", mfc="none", mec=LINE_COLOURS[4], ms=5)
+            as_long: dict[str, Any] = {"angles": "xy", "scale_units": "xy", "scale": 1.0}
+            axes.quiver(x, z, u, v, color=OVERLAY_COLOUR, width=0.003, **as_long)
+            axes.set_xlim(-0.5, self.shape[1] - 0.5)
+            axes.set_ylim(self.shape[0] - 0.5, -0.5)
+            return drawn
+
+        parts = {item.input: item.contribution for item in self.budget}
+        drawn = f"px, drawn {factor:g} times as long."
+        notes = [f"{plain_name(one.file)}: residual {one.rms_px:.3f} {drawn}" for one in shown]
+        return PaperPanels(
+            kinds=[PictureKind(name="points", draw=draw)],
+            labels=[plain_name(picture.file, 24) for picture in shown],
+            plots=[budget_plot("budget of pixel_mm", parts, unit="mm")],
+            notes=["; ".join(_texts(self)) + ".", *notes],
+        )
+
+    @property
+    def scene_values(self) -> dict[str, tuple[float, float]]:
+        """What `--into` may set: key, value and standard uncertainty.
+
+        The roll is the target's, which need not lie as the specimen does, and is none of them.
+        """
+        return {
+            f"camera.{name}": (measured.value, measured.standard_uncertainty)
+            for name, measured in self.values.items()
+            if name != "roll_deg"
+        }
+
+    @property
+    def scene_comment(self) -> str:
+        """What a scene's comment states of the values."""
+        return f"residual {self.residual_px:.3f} px"
+
+    def to_json(self) -> dict[str, Any]:
+        """The result as plain numbers, texts and lists for `scale.json`.
+
+        `pixel_mm`, `distortion`, `keystone_x`, `keystone_z` and `roll_deg` are each {value,
+        standard_uncertainty}, or None where the edges do not tell them.
+        """
+        height, width = self.shape
+        values = {name: vars(measured) for name, measured in self.values.items()}
+        return {
+            "target": self.target, "width_px": width, "height_px": height,
+            **dict.fromkeys(_NAMES), **values,
+            "residual_px": self.residual_px,
+            "corners": self.corners,
+            "images": [image.to_json() for image in self.images],
+            "budget": [item.to_json() for item in self.budget],
+            "taken_as_exact": list(self.taken_as_exact),
+            **warnings_json(self.warnings),
+        }  # fmt: skip
+
+
+_FOR_PAPER = 2
+"""Those of a figure for a paper where nobody names them."""
+
+MOST_POINTS = 150
+"""Points of a picture that are drawn."""
+
+_LONGEST_ARROW = 0.06
+"""Length of the longest arrows, over the picture's width."""
+
+
+def _texts(calibration: ScaleCalibration) -> list[str]:
+    return [
+        f"{name} = {with_uncertainty(measured.value, measured.standard_uncertainty)}"
+        for name, measured in calibration.values.items()
+    ]
+
 
 SMOOTH_PX = 1.5
 """Standard deviation of the Gaussian whose slope finds an edge: the slope's peak is then nearly
@@ -43,13 +294,12 @@ it is what that of a corner or dot is uncertain by at least, whatever its residu
 
 @dataclass(frozen=True, kw_only=True)
 class EdgePair:
-    """Two edges: `places` (n, 2) of their points, column and row (px), these points' distances
-    (n, 2) from their lines, and the lines' `distance_px` along their normal with its standard
-    uncertainty. `spreading` is the change of the distance along the edges, where it is clear.
+    """Two edges: the points on them, and the lines' `distance_px` along their normal.
+
+    `spreading` is the change of the distance along the edges, where it is clear.
     """
 
-    places: Array
-    residual_px: Array
+    picture: ScalePicture
     distance_px: float
     standard_uncertainty: float
     spreading: float
@@ -78,13 +328,15 @@ def find_edge_pair(image: Array, *, name: str) -> EdgePair:
     turn = distance * slope / long**2 * tilt  # what the direction's noise does to the distance
     apart = abs(slopes[1] - slopes[0])
     order = 1 if turned else -1
+    points = [np.stack([across, edge][::order], axis=-1) for edge in edges]
+    normal = np.array([-slope, 1.0][::order]) / long
     return EdgePair(
-        places=np.concatenate([np.stack([across, edge][::order], axis=-1) for edge in edges]),
-        residual_px=np.concatenate(residual)[:, None] * (np.array([-slope, 1.0][::order]) / long),
+        picture=ScalePicture(file=name, image=image, places=np.concatenate(points),
+                             residual_px=np.concatenate(residual)[:, None] * normal),
         distance_px=distance,
         standard_uncertainty=float(np.sqrt(noise**2 + turn**2 + 2.0 * FINDER_PX**2)),
         spreading=apart * float(np.ptp(x)) / distance if apart > CONTRADICTED * 2.0 * tilt else 0.0,
-    )
+    )  # fmt: skip
 
 
 def _along(image: Array) -> tuple[Array, Array, Array] | None:
@@ -218,8 +470,8 @@ class TargetFit:
 
     values: dict[str, float]
     spread: dict[str, float]
-    rolls_deg: tuple[tuple[float, float], ...]
-    residual_px: tuple[Array, ...]
+    rolls_deg: Array
+    residual_px: list[Array]
     rms_px: float
     likeness: float
     shortening: float
@@ -232,42 +484,64 @@ def fit_target(places: Sequence[Array], shape: tuple[int, int]) -> TargetFit:
     """
     from scipy.optimize import least_squares
 
-    points = [p[..., 0] - 0.5 * (shape[1] - 1) + 1j * (p[..., 1] - 0.5 * (shape[0] - 1))
-            for p in places]  # fmt: skip
+    middle = complex(0.5 * (shape[1] - 1), 0.5 * (shape[0] - 1))
+    points = [p[..., 0] + 1j * p[..., 1] - middle for p in places]
     grids, starts = zip(*(_start(s) for s in points), strict=True)
-    spacing = float(np.mean([start[0] for start in starts]))
-    first = np.concatenate([[spacing, 0.0, 0.0, 0.0], *(start[1:] for start in starts)])
+    spacing, size = float(np.mean([start[0] for start in starts])), 4 + 3 * len(points)
 
-    def residual(values: Array) -> Array:
-        residuals = _residual(values, points, grids, shape)
-        return np.concatenate([part.ravel().view(float) for part in residuals])
+    def residuals(values: Array) -> list[Complexes]:
+        """Those of each picture on the target's plane, px; two values more are a shortening."""
+        keystone_x, keystone_z, distortion = values[1:4].tolist()
+        strain = complex(*values[size:]) if values.size > size else 0.0
+        parts = []
+        for picture, grid, (x, z, roll) in zip(
+            points, grids, values[4:size].reshape(-1, 3), strict=True
+        ):
+            lens = Lens(
+                right_mm=0.0, down_mm=0.0, half_width_mm=0.5 * shape[1],
+                half_height_mm=0.5 * shape[0], roll_deg=float(np.degrees(roll)),
+                distortion=distortion, keystone_x=keystone_x, keystone_z=keystone_z,
+            )  # fmt: skip
+            looked_x, looked_z = lens.looked_at(picture.real, picture.imag)
+            on_plane = grid + strain * np.exp(2j * roll) * grid.conj()  # it is the picture's
+            parts.append(looked_x + 1j * looked_z - complex(x, z) - values[0] * on_plane)
+        return parts
 
-    options = {"method": "trf", "jac": "3-point", "x_scale": "jac", "xtol": 1e-12, "ftol": 1e-12}
-    best = least_squares(residual, first, **options)
+    def solved(start: Array) -> Any:
+        return least_squares(
+            lambda values: np.concatenate([r.ravel().view(float) for r in residuals(values)]),
+            start, method="trf", jac="3-point", x_scale="jac", xtol=1e-12, ftol=1e-12,
+        )  # fmt: skip
+
+    best = solved(np.concatenate([[spacing, 0.0, 0.0, 0.0], *(start[1:] for start in starts)]))
     if np.abs(best.x[1:4]).max() > _LARGEST:
         x, x_2, x_3 = best.x[1:4]
         raise PhysicsError(
             "target_seen_keystone_distortion", x=x, x_2=x_2, x_3=x_3, largest=_LARGEST
         )
-    residuals = _residual(best.x, points, grids, shape)
-    more = least_squares(residual, np.append(best.x, [0.0, 0.0]), **options)
-    shortening = _shortening(more.x, more.jac, more.fun)
+    least = 0.5 * FINDER_PX
+    # a lens makes a target no shorter in one direction, but to see it aslant does: by 1 - cos of
+    # the angle
+    more = solved(np.append(best.x, [0.0, 0.0]))
+    strain, per_scatter = more.x[size:], np.linalg.inv(more.jac.T @ more.jac)[size:, size:]
+    square = max(2.0 * more.cost / (more.fun.size - more.x.size), least**2)
+    clear = strain @ np.linalg.solve(per_scatter, strain) > chdtri(2, UNLIKELY) * square
     # a shortening is a cause of its own, and no likeness
-    likeness = _likeness(_residual(more.x, points, grids, shape) if shortening else residuals)
+    likeness = _likeness(residuals(more.x if clear else best.x))
     # as of a first-order process in both directions: so many points are worth one
-    scatter = max(float(np.sqrt(2.0 * best.cost / (best.fun.size - best.x.size))), 0.5 * FINDER_PX)
+    scatter = max(float(np.sqrt(2.0 * best.cost / (best.fun.size - best.x.size))), least)
     widened = scatter * (1.0 + likeness) / (1.0 - likeness)
     spread = widened * np.sqrt(np.diag(np.linalg.inv(best.jac.T @ best.jac)))
-    rolls = zip(np.degrees(best.x[6::3]), np.degrees(spread[6::3]), strict=True)
-    turned = [np.exp(-1j * roll) * part for roll, part in zip(best.x[6::3], residuals, strict=True)]
+    rolls = best.x[6::3]
+    turned = [np.exp(-1j * r) * part for r, part in zip(rolls, residuals(best.x), strict=True)]
     return TargetFit(
-        values=dict(zip(SHARED, map(float, best.x), strict=False)),
-        spread=dict(zip(SHARED, map(float, spread), strict=False)),
-        rolls_deg=tuple((float(roll), float(u)) for roll, u in rolls),
-        residual_px=tuple(np.stack([part.real, part.imag], axis=-1) for part in turned),
+        values=dict(zip(SHARED, best.x.tolist(), strict=False)),
+        spread=dict(zip(SHARED, spread.tolist(), strict=False)),
+        rolls_deg=np.degrees(np.stack([rolls, spread[6::3]], axis=1)),
+        residual_px=[np.stack([part.real, part.imag], axis=-1) for part in turned],
         rms_px=float(np.sqrt(np.mean(best.fun**2))),
         likeness=likeness,
-        shortening=shortening,
+        shortening=2.0 * float(np.hypot(*strain)) if clear else 0.0,
     )
 
 
@@ -291,50 +565,16 @@ def _start(points: Complexes) -> tuple[Complexes, Array]:
     return grid, np.array([abs(turn), place.real, place.imag, roll])
 
 
-def _residual(
-    values: Array, points: Sequence[Complexes], grids: Sequence[Complexes], shape: tuple[int, int]
-) -> list[Complexes]:
-    """Each picture's residual on the target's plane, px; two values more are a shortening."""
-    spacing, keystone_x, keystone_z, distortion = values[:4]
-    count = 3 * len(points)
-    strain = complex(*values[4 + count :]) if values.size > 4 + count else 0.0
-    residuals = []
-    for k, (picture, grid) in enumerate(zip(points, grids, strict=True)):
-        x, z, roll = values[4 + 3 * k : 7 + 3 * k]
-        lens = Lens(
-            right_mm=0.0, down_mm=0.0, half_width_mm=0.5 * shape[1], half_height_mm=0.5 * shape[0],
-            roll_deg=float(np.degrees(roll)), distortion=float(distortion),
-            keystone_x=float(keystone_x), keystone_z=float(keystone_z),
-        )  # fmt: skip
-        looked_x, looked_z = lens.looked_at(picture.real, picture.imag)
-        on_plane = grid + strain * np.exp(2j * roll) * grid.conj()  # the strain is the picture's
-        residuals.append(looked_x + 1j * looked_z - complex(x, z) - spacing * on_plane)
-    return residuals
-
-
 def _likeness(residuals: Sequence[Complexes]) -> float:
     """Correlation of the residuals of neighbours, 0 unless it is clear."""
-    products, squares, count = 0.0, 0.0, 0
-    for part in residuals:
-        for axis in (0, 1):
-            a, b = (np.take(part, range(k, part.shape[axis] - 1 + k), axis) for k in (0, 1))
-            products += float(np.sum((a * b.conj()).real))
-            squares += 0.5 * float(np.sum(np.abs(a) ** 2 + np.abs(b) ** 2))
-            count += 2 * a.size
-    correlation = products / squares if squares > 0.0 else 0.0
-    return min(correlation, 0.9) if correlation > CONTRADICTED / np.sqrt(count) else 0.0
-
-
-def _shortening(values: Array, jac: Array, residual: Array) -> float:
-    """By how much the target is shorter in one direction, where the residual clearly asks for it.
-
-    A lens has no such thing, but a target that is seen aslant is: by 1 - cos of the angle.
-    """
-    strain = values[-2:]
-    per_scatter = np.linalg.inv(jac.T @ jac)[-2:, -2:]
-    square = max(float(residual @ residual) / (residual.size - values.size), (0.5 * FINDER_PX) ** 2)
-    clear = float(strain @ np.linalg.solve(per_scatter, strain)) > chdtri(2, UNLIKELY) * square
-    return 2.0 * float(np.hypot(*strain)) if clear else 0.0
+    pairs = [(part[1:], part[:-1]) for part in residuals]
+    pairs += [(part[:, 1:], part[:, :-1]) for part in residuals]
+    one, other = (
+        np.concatenate([part.ravel() for part in side]) for side in zip(*pairs, strict=True)
+    )
+    square = 0.5 * float(np.vdot(one, one).real + np.vdot(other, other).real)
+    correlation = float(np.vdot(one, other).real) / square if square > 0.0 else 0.0
+    return min(correlation, 0.9) if correlation > CONTRADICTED / np.sqrt(2 * one.size) else 0.0
 
 
 TARGETS = ("chessboard", "dots")
@@ -416,29 +656,23 @@ def calibrate_scale(
         raise InputError("target_edges_mm_both_given")
     if target is None and edges_mm is None:
         raise InputError("neither_target_nor_edges_mm")
-    _check_uncertainty("spacing_uncertainty_mm", spacing_uncertainty_mm, spacing_mm, "spacing_mm")
-    _check_uncertainty("edges_uncertainty_mm", edges_uncertainty_mm, edges_mm, "edges_mm")
+    for what, of, value in (
+        ("spacing", spacing_mm, spacing_uncertainty_mm),
+        ("edges", edges_mm, edges_uncertainty_mm),
+    ):
+        if value is not None:
+            key = f"{what}_uncertainty_mm"
+            _positive(key, value)
+            if of is None:
+                raise InputError("there_no_give_too", key=key, value=value, what=f"{what}_mm")
     if target is None:
         distance = _positive("edges_mm", edges_mm)
-        pictures = _pictures(paths)
-        pairs = [find_edge_pair(image, name=name) for name, image in pictures]
-        return _from_edges(pictures, pairs, distance, edges_uncertainty_mm)
+        return _from_edges(_pictures(paths), distance, edges_uncertainty_mm)
     if target not in TARGETS:
         raise InputError("target_none_name_one", target=target, targets=", ".join(TARGETS))
     size = _count("columns", columns), _count("rows", rows)
     spacing = _positive("spacing_mm", spacing_mm)
-    pictures = _pictures(paths)
-    places = [target_places(image, target, *size, name=name) for name, image in pictures]
-    fit = fit_target(places, pictures[0][1].shape[:2])
-    return _from_target(pictures, places, fit, target, (spacing, spacing_uncertainty_mm))
-
-
-def _check_uncertainty(key: str, value: float | None, of: float | None, what: str) -> None:
-    if value is None:
-        return
-    _positive(key, value)
-    if of is None:
-        raise InputError("there_no_give_too", key=key, value=value, what=what)
+    return _from_target(_pictures(paths), target, size, spacing, spacing_uncertainty_mm)
 
 
 def _positive(key: str, value: float | None) -> float:
@@ -479,92 +713,82 @@ def _pictures(paths: Sequence[FramesLike]) -> list[tuple[str, Array]]:
 
 def _from_target(
     pictures: Sequence[tuple[str, Array]],
-    places: Sequence[Array],
-    fit: TargetFit,
     target: str,
-    spacing: tuple[float, float | None],
+    size: tuple[int, int],
+    spacing_mm: float,
+    uncertainty_mm: float | None,
 ) -> ScaleCalibration:
-    """The result by a target: spacing in mm over that in pixels."""
-    values, spread = fit.values, fit.spread
-    pixel = spacing[0] / values["spacing_px"]
-    inputs: list[BudgetRow] = []
-    if spacing[1] is not None:
-        inputs.append(("spacing_mm", spacing[0], spacing[1], pixel / spacing[0]))
+    """The result by a target of columns and rows: spacing in mm over that in pixels."""
+    places = [target_places(image, target, *size, name=name) for name, image in pictures]
+    rows, cols = pictures[0][1].shape
+    fit = fit_target(places, (rows, cols))
+    spacing_px, bent, aslant = fit.values["spacing_px"], fit.values["distortion"], fit.shortening
+    pixel = spacing_mm / spacing_px
+    inputs: list[BudgetRow] = [(NOISE, None, pixel * fit.spread["spacing_px"] / spacing_px, 1.0)]
+    if uncertainty_mm is not None:
+        inputs.append(("spacing_mm", spacing_mm, uncertainty_mm, pixel / spacing_mm))
     if target == "dots":
         # the middle of a dot's picture is further out than that of the dot, by k a² / R² of the
         # distance; for dots of radius a = spacing / 4
-        bent, reach = values["distortion"], 0.5 * math.hypot(*pictures[0][1].shape)
-        effect = abs(bent) * (0.25 * values["spacing_px"] / reach) ** 2
+        effect = abs(bent) * (0.25 * spacing_px / (0.5 * math.hypot(rows, cols))) ** 2
         inputs.append(("size of the dots", bent, effect, pixel))
-    if fit.shortening:
-        inputs.append(("seen aslant", fit.shortening, 0.5 * fit.shortening, pixel))
-    measured, budget = _combined(pixel, pixel * spread["spacing_px"] / values["spacing_px"], inputs)
-    lens: dict[str, Any] = {n: MeasuredValue(values[n], spread[n]) for n in LENS}
-    rolls = [MeasuredValue(*roll) for roll in fit.rolls_deg]
+    messages = []
+    if aslant:
+        inputs.append(("seen aslant", aslant, 0.5 * aslant, pixel))
+        angle = math.degrees(math.acos(1.0 - min(aslant, 1.0)))
+        messages.append(message("target_seen_shorter_one", shortening=100.0 * aslant, angle=angle))
+    if fit.rms_px > _POOR_PX:
+        messages.append(message("residual_px_where_sharp", rms_px=fit.rms_px))
+    elif fit.likeness and fit.rms_px > _PATTERN_PX:
+        messages.append(message("residuals_neighbours_alike_correlation", likeness=fit.likeness))
+    rolls = [MeasuredValue(*roll) for roll in fit.rolls_deg.tolist()]
+    lens: dict[str, Any] = {n: MeasuredValue(fit.values[n], fit.spread[n]) for n in LENS}
     parts = zip(pictures, places, fit.residual_px, rolls, strict=True)
-    return ScaleCalibration(
-        target=target, shape=(pictures[0][1].shape[0], pictures[0][1].shape[1]),
-        pixel_mm=measured, **lens, roll_deg=rolls[0], residual_px=fit.rms_px,
-        corners=sum(place[..., 0].size for place in places),
-        images=tuple(
-            ScalePicture(file=name, image=image, places=place.reshape(-1, 2),
-                         residual_px=residual.reshape(-1, 2), roll=roll)
-            for (name, image), place, residual, roll in parts
-        ),
-        budget=budget, taken_as_exact=("spacing_mm",) if spacing[1] is None else (),
-        warnings=tuple(_target_warnings(fit)),
+    images = [
+        ScalePicture(file=name, image=image, places=place.reshape(-1, 2),
+                     residual_px=residual.reshape(-1, 2), roll=roll)
+        for (name, image), place, residual, roll in parts
+    ]  # fmt: skip
+    return _result(
+        images, pixel, inputs, target=target, **lens, roll_deg=rolls[0], residual_px=fit.rms_px,
+        taken_as_exact=() if uncertainty_mm else ("spacing_mm",), warnings=tuple(messages),
     )  # fmt: skip
 
 
-def _combined(
-    value: float, noise: float, inputs: Sequence[BudgetRow]
-) -> tuple[MeasuredValue, tuple[BudgetInput, ...]]:
-    """A value with all that it is uncertain by, and the budget of that."""
-    budget = budget_items([(NOISE, None, noise, 1.0), *inputs])
-    return MeasuredValue(value, math.hypot(*(item.contribution for item in budget))), budget
-
-
-def _target_warnings(fit: TargetFit) -> Iterator[str]:
-    if fit.shortening:
-        angle = math.degrees(math.acos(1.0 - min(fit.shortening, 1.0)))
-        yield message("target_seen_shorter_one", shortening=100.0 * fit.shortening, angle=angle)
-    if fit.rms_px > _POOR_PX:
-        yield message("residual_px_where_sharp", rms_px=fit.rms_px)
-    elif fit.likeness and fit.rms_px > _PATTERN_PX:
-        yield message("residuals_neighbours_alike_correlation", likeness=fit.likeness)
-
-
 def _from_edges(
-    pictures: Sequence[tuple[str, Array]],
-    pairs: Sequence[EdgePair],
-    edges_mm: float,
-    uncertainty_mm: float | None,
+    pictures: Sequence[tuple[str, Array]], edges_mm: float, uncertainty_mm: float | None
 ) -> ScaleCalibration:
     """The result by edges: the mean of the pictures, each by its own uncertainty."""
+    pairs = [find_edge_pair(image, name=name) for name, image in pictures]
     each = np.array([pair.distance_px for pair in pairs])
     weight = np.array([pair.standard_uncertainty for pair in pairs]) ** -2.0
     distance = float(weight @ each / weight.sum())
     chi = float(np.sqrt(weight @ (each - distance) ** 2 / max(len(pairs) - 1, 1)))
     pixel = edges_mm / distance
     noise = pixel * max(chi, 1.0) / float(np.sqrt(weight.sum())) / distance
-    inputs: list[BudgetRow] = []
+    inputs: list[BudgetRow] = [(NOISE, None, noise, 1.0)]
     if uncertainty_mm is not None:
         inputs.append(("edges_mm", edges_mm, uncertainty_mm, pixel / edges_mm))
-    spreading = max(pair.spreading for pair in pairs)
-    messages: tuple[str, ...] = ()
+    spreading, messages = max(pair.spreading for pair in pairs), []
     if spreading:
         inputs.append(("edges not parallel", spreading, 0.5 * spreading, pixel))
-        messages = (message("edges_further_apart_one", spreading=100.0 * spreading),)
-    measured, budget = _combined(pixel, noise, inputs)
-    off = np.hypot(*np.concatenate([pair.residual_px for pair in pairs]).T)
+        messages = [message("edges_further_apart_one", spreading=100.0 * spreading)]
+    off = np.concatenate([pair.picture.residual_px for pair in pairs])
+    return _result(
+        [pair.picture for pair in pairs], pixel, inputs, target="edges", distortion=None,
+        keystone_x=None, keystone_z=None, roll_deg=None,
+        residual_px=float(np.sqrt(2.0 * np.mean(off**2))),
+        taken_as_exact=() if uncertainty_mm else ("edges_mm",), warnings=tuple(messages),
+    )  # fmt: skip
+
+
+def _result(
+    images: list[ScalePicture], pixel_mm: float, inputs: list[BudgetRow], **values: Any
+) -> ScaleCalibration:
+    """A pixel's side with all that it is uncertain by, and the budget of that."""
+    budget, (rows, cols) = budget_items(inputs), images[0].image.shape
+    spread = math.hypot(*(item.contribution for item in budget))
     return ScaleCalibration(
-        target="edges", shape=(pictures[0][1].shape[0], pictures[0][1].shape[1]),
-        pixel_mm=measured, distortion=None, keystone_x=None, keystone_z=None, roll_deg=None,
-        residual_px=float(np.sqrt(np.mean(off**2))), corners=off.size,
-        images=tuple(
-            ScalePicture(file=name, image=image, places=pair.places, residual_px=pair.residual_px)
-            for (name, image), pair in zip(pictures, pairs, strict=True)
-        ),
-        budget=budget,
-        taken_as_exact=("edges_mm",) if uncertainty_mm is None else (), warnings=messages,
+        shape=(rows, cols), pixel_mm=MeasuredValue(pixel_mm, spread), images=tuple(images),
+        corners=sum(len(image.places) for image in images), budget=budget, **values,
     )  # fmt: skip

@@ -54,6 +54,7 @@ from isochrome.fringes import (
     table_columns,
 )
 from isochrome.messages import message, warnings_json
+from isochrome.optics import stored_type
 from isochrome.output import Result, imagej_view, with_uncertainty, write_csv, write_tiff
 from isochrome.scene import ArrayFrames, check_width
 
@@ -88,7 +89,20 @@ def known_beam_order(signal: Array, beam: ColourBeam, load_n: float, pixel_mm: f
     colours = signal[rows[picked], cols[picked]].astype(float)
 
     def cost(line: Sequence[float]) -> float:
-        return _scatter(place, colours, line, slope, half)
+        """Share of the colours' variance that is within cells of one order."""
+        away = _away(place, line)
+        reach = min(half, float(away.max()), float(-away.min()))  # where there are two sides
+        away = np.abs(away)
+        inside = away < reach
+        if 2 * np.count_nonzero(inside) < len(away):
+            return 1.0
+        # cells are so wide that each has rows of both sides
+        cell = (slope * away[inside] / max(WIDTH, _ROWS * slope)).astype(int)
+        count, within = np.maximum(np.bincount(cell), 1), 0.0
+        for channel in colours[inside].T:
+            mean = np.bincount(cell, weights=channel) / count
+            within += float(np.sum((channel - mean[cell]) ** 2))
+        return within / (len(cell) * float(colours[inside].var(axis=0).sum()))
 
     step = max(2.0 * WIDTH / slope, 0.5)
     tops = np.arange(rows.min(), rows.max() + step, step)
@@ -109,27 +123,6 @@ def _away(place: Array, line: Sequence[float]) -> Array:
     return np.asarray((place[0] - line[0] - line[1] * place[1]) / np.hypot(1.0, line[1]))
 
 
-def _scatter(
-    place: Array, colours: Array, line: Sequence[float], slope: float, half: float
-) -> float:
-    """Share of the colours' variance that is within cells of one order."""
-    away = _away(place, line)
-    reach = min(half, float(away.max()), float(-away.min()))  # where there are two sides
-    away = np.abs(away)
-    inside = away < reach
-    if 2 * np.count_nonzero(inside) < len(away):
-        return 1.0
-    colours = colours[inside]
-    # cells are so wide that each has rows of both sides
-    cell = (slope * away[inside] / max(WIDTH, _ROWS * slope)).astype(int)
-    count = np.maximum(np.bincount(cell), 1)
-    within = 0.0
-    for channel in colours.T:
-        mean = np.bincount(cell, weights=channel) / count
-        within += float(np.sum((channel - mean[cell]) ** 2))
-    return within / float(np.sum((colours - colours.mean(axis=0)) ** 2))
-
-
 SAME = 0.05
 """Log of an exposure against the no-load frames that is none: a light's bands do not tell the
 factor of all to better."""
@@ -144,39 +137,19 @@ def image_exposures(
     beam. PhysicsError where the images have no order in common.
     """
     cells = int(max(np.nanmax(order) for order in orders) / WIDTH) + 1
-    sums = [_sums(*pair, dark, contrast, cells) for pair in zip(light, orders, strict=True)]
-    count, lit, low = np.moveaxis(np.stack(sums), 1, 0)
-    lit, low = lit / np.maximum(count, 1.0), low / np.maximum(count, 1.0)
-    factors = _relative(count, lit, low)
-    weight = np.maximum(count.sum(axis=0), 1.0)
-    table = ((factors[:, None, None] * lit - low) * count).sum(axis=0) / weight
-    covered = count.sum(axis=0).all(axis=1)
-    places = WIDTH * (np.flatnonzero(covered) + 0.5)
-    away = np.log(band_scale(places, table[covered], bright=bright) / factors)
-    nearest = away[np.argmin(np.abs(away))]
-    if abs(nearest) < SAME:
-        away = away - nearest
-    return np.asarray(np.exp(away))
-
-
-def _sums(light: Array, order: Array, dark: Array, contrast: Array, cells: int) -> Array:
-    """Pixels, and sums of u and d, in cells of one order (3, cells, channels)."""
-    sums = np.zeros((3, cells, light.shape[-1]))
-    for c in range(light.shape[-1]):
-        known = np.isfinite(order) & np.isfinite(light[..., c])
-        cell = (order[known] / WIDTH).astype(int)
-        size = contrast[..., c][known]
-        parts = (np.ones(len(cell)), light[..., c][known] / size, dark[..., c][known] / size)
-        sums[:, :, c] = [np.bincount(cell, weights=part, minlength=cells) for part in parts]
-    return sums
-
-
-def _relative(count: Array, lit: Array, low: Array) -> Array:
-    """Factors f of the images over that of the one with most light, by least squares.
-
-    All (images, cells, channels): `count` of pixels, the means `lit` of u and `low` of d.
-    """
+    # pixels, and sums of u and d, of each image in cells of one order
+    sums = np.zeros((3, len(orders), cells, contrast.shape[-1]))
+    for k, (one, order) in enumerate(zip(light, orders, strict=True)):
+        for c in range(contrast.shape[-1]):
+            known = np.isfinite(order) & np.isfinite(one[..., c])
+            cell, size = (order[known] / WIDTH).astype(int), contrast[..., c][known]
+            parts = np.ones(len(cell)), one[..., c][known] / size, dark[..., c][known] / size
+            for total, part in zip(sums, parts, strict=True):
+                total[k, :, c] = np.bincount(cell, weights=part, minlength=cells)
+    count = sums[0]
+    lit, low = sums[1:] / np.maximum(count, 1.0)
     total = np.maximum(count.sum(axis=0), 1.0)
+    # factors f over that of the image with most light, by least squares
     size, back = count * lit, (count * low).sum(axis=0)
     matrix = np.diag((size * lit).sum(axis=(1, 2)))
     matrix -= np.einsum("ibc,jbc->ij", size / total, size)
@@ -188,7 +161,14 @@ def _relative(count: Array, lit: Array, low: Array) -> Array:
     factors[others] = np.linalg.solve(inner, (right - matrix[:, first])[others])
     if not (factors > 0.0).all():
         raise PhysicsError("images_colours_one_order")
-    return factors
+    table = ((factors[:, None, None] * lit - low) * count).sum(axis=0) / total
+    covered = count.sum(axis=0).all(axis=1)
+    places = WIDTH * (np.flatnonzero(covered) + 0.5)
+    away = np.log(band_scale(places, table[covered], bright=bright) / factors)
+    nearest = away[np.argmin(np.abs(away))]
+    if abs(nearest) < SAME:
+        away = away - nearest
+    return np.asarray(np.exp(away))
 
 
 def read_colour_shots(given: ColourSet) -> tuple[ColourShots, int | None]:
@@ -256,8 +236,6 @@ class ColourCalibration(Result):
 
     Parameters
     ----------
-    draw : callable, optional
-        Makes the figure, of results that need more for it than they hold; not of this one.
     colour_table : ColourTable
         The table.
     way : str
@@ -441,7 +419,8 @@ def _of_beam(given: ColourSet, shots: ColourShots, depth: int | None) -> ColourC
     if shots.dark is None or shots.bright is None:
         raise InputError("beam_colours_need_frames", name=given.name)
     check_width(given.name, pixel, shots.raw[0].shape[:2], beam.height_mm, "the beam")
-    low, contrast = shots.dark**gamma, shots.bright**gamma - shots.dark**gamma
+    low, bright = shots.dark**gamma, given.polariscope.field == "bright"
+    contrast = shots.bright**gamma - low
     lit = contrast > 0.2 * np.nanpercentile(contrast, 95)
     lights = [
         np.where(valid & lit, np.maximum(raw, 0.0) ** gamma, np.nan)
@@ -452,7 +431,6 @@ def _of_beam(given: ColourSet, shots: ColourShots, depth: int | None) -> ColourC
         known_beam_order((light - low) / contrast, beam, item.load_n or 0.0, pixel)
         for item, light in zip(given.image, lights, strict=True)
     ]
-    bright = given.polariscope.field == "bright"
     factors = image_exposures(lights, low, contrast, orders, bright=bright)
     signal = np.concatenate(
         [(light / e - low) / contrast for light, e in zip(lights, factors, strict=True)]
@@ -484,10 +462,10 @@ def exposure_messages(given: ColourSet, factors: Array, against: str) -> list[st
 def check_light(light: OwnLight, given: ColourSet) -> None:
     """Refuse a light that was not found: raises PhysicsError that says by what it shows."""
     what = message("colours_light_not_found", name=given.name)
-    advice = message("give_images_up_more")
-    if light.highest < LEAST_ORDER:
+    advice, highest = message("give_images_up_more"), light.highest
+    if highest < LEAST_ORDER:
         raise PhysicsError(
-            "images_reach_least_needed", what=what, highest=light.highest, least_order=LEAST_ORDER
+            "images_reach_least_needed", what=what, highest=highest, least_order=LEAST_ORDER
         )
     if max(light.strange, light.torn) >= LOST:
         strange, torn = 100 * light.strange, 100 * light.torn
@@ -501,7 +479,6 @@ def check_light(light: OwnLight, given: ColourSet) -> None:
 def _of_light(
     light: OwnLight, given: ColourSet, shots: ColourShots, depth: int | None
 ) -> ColourCalibration:
-    """The found light as a calibration."""
     wavelength = given.polariscope.wavelength_nm
     assert wavelength is not None
     bands = band_light(light.numbers)
@@ -536,29 +513,21 @@ _SEEN = "seen in the images"
 def write_colours(calibration: ColourCalibration, folder: Path) -> None:
     """Write colour_table.csv and, where they were found, background.tif and illumination.tif."""
     write_csv(folder / "colour_table.csv", calibration.columns)
-    if calibration.background is not None and calibration.illumination is not None:
-        ends = {
-            "background": calibration.background,
-            "illumination": calibration.background + calibration.illumination,
-        }
-        for name, light in ends.items():
-            levels = _levels(light, calibration)
-            view = imagej_view(name, (0.0, 1.0), labels=[name])
-            write_tiff(folder / f"{name}.tif", levels[None], photometric="rgb", metadata=view)
-
-
-def _levels(light: NDArray[Any], calibration: ColourCalibration) -> NDArray[Any]:
-    """Light as grey levels of the images' kind, below the level that counts as saturated."""
-    raw = np.maximum(light, 0.0) ** (1.0 / calibration.gamma)
-    depth = calibration.bit_depth
-    if depth is None:
-        return np.asarray(np.minimum(raw, 0.999), np.float32)
-    full, kind = 2**depth - 1, np.uint8 if depth <= 8 else np.uint16
-    return np.asarray(np.minimum(np.rint(full * raw), full - 1), kind)
+    if calibration.background is None or calibration.illumination is None:
+        return
+    bright, depth = calibration.background + calibration.illumination, calibration.bit_depth
+    for name, light in (("background", calibration.background), ("illumination", bright)):
+        # grey levels of the images' kind, below the level that counts as saturated
+        raw = np.maximum(light, 0.0) ** (1.0 / calibration.gamma)
+        levels = np.minimum(raw, 0.999).astype(np.float32)
+        if depth is not None:
+            full = 2**depth - 1
+            levels = np.minimum(np.rint(full * raw), full - 1).astype(stored_type(depth))
+        view = imagej_view(name, (0.0, 1.0), labels=[name])
+        write_tiff(folder / f"{name}.tif", levels[None], photometric="rgb", metadata=view)
 
 
 def _values(calibration: ColourCalibration) -> str:
-    """What was found, in words."""
     return (
         f"colour table from {calibration.way}: gamma = {calibration.gamma:.3g}, "
         f"residual {calibration.residual:.3f} of full light"

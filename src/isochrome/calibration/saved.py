@@ -9,11 +9,11 @@ from os.path import isfile
 from pathlib import Path
 from typing import Any
 
+from isochrome.calibration.camera_scale import LENS, ScaleCalibration
 from isochrome.calibration.colour import ColourCalibration, write_colours
 from isochrome.calibration.result import CONTRADICTED, CUTS, Calibration
-from isochrome.calibration.scale_result import LENS, ScaleCalibration
 from isochrome.calibration.settings import load_set
-from isochrome.calibration.wear_result import WEAR_UNIT, WearCalibration, trace_json
+from isochrome.calibration.wear_coefficient import WEAR_UNIT, WearCalibration, trace_json
 from isochrome.errors import InputError
 from isochrome.messages import read_warnings
 from isochrome.output import (

@@ -14,16 +14,14 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
-from scipy.special import chdtrc
 
-from isochrome.calibration.result import UNLIKELY
 from isochrome.calibration.settings import ImageSet, common_percent, plain_rows, under_uncertainty
 from isochrome.messages import message
 from isochrome.scars import LevelledTrace, UnclearScarError, levelled, read_trace, student_factor_of
@@ -73,10 +71,6 @@ class WearTrace(SlidTest):
     ----------
     file : str
         The trace's file, relative to the set's.
-    distance_m, normal_n : float
-        Distance slid, m, and load, N.
-    friction : float, optional
-        Mean friction coefficient.
     """
 
     file: FileName
@@ -89,10 +83,6 @@ class WearVolume(SlidTest):
     ----------
     value_mm3 : float
         The volume, mm³.
-    distance_m, normal_n : float
-        Distance slid, m, and load, N.
-    friction : float, optional
-        Mean friction coefficient.
     """
 
     value_mm3: NonNegative
@@ -150,7 +140,23 @@ class WearSet(ImageSet):
     @model_validator(mode="before")
     @classmethod
     def _plain_values(cls, data: Any) -> Any:
-        return _with_stated(cls, data) if isinstance(data, dict) else data
+        """A set's tables with plain values, and what stood beside them under [uncertainty]."""
+        if not isinstance(data, dict):
+            return data
+        plain, stated = split_uncertainties(cls, data)
+        spreads: dict[str, Any] = {}
+        for key, spread in stated.items():
+            if key != "scar.width_mm":
+                raise ValueError(message("has_no_standard_uncertainty_here", key=key))
+            spreads["width_mm"] = spread
+        # of loads and of distances the relative uncertainty is common to all
+        common = {"normal_n": "load_percent", "distance_m": "distance_percent"}
+        names = (*common, "value_mm3")
+        plain, beside = plain_rows(plain, ("trace", "volume"), names, "value_mm3")
+        if "value_mm3" in beside:
+            spreads["volume_mm3"] = beside.pop("value_mm3")
+        spreads |= {common[name]: common_percent(values) for name, values in beside.items()}
+        return under_uncertainty(plain, spreads)
 
     @model_validator(mode="after")
     def _complete(self) -> WearSet:
@@ -158,13 +164,11 @@ class WearSet(ImageSet):
             raise ValueError(message("has_neither_trace_nor"))
         if self.trace and self.scar is None:
             raise ValueError(message("key_car_width_mm_missing"))
-        _refuse_falling("trace", self.trace)
-        _refuse_falling("volume", self.volume)
         if not any(volume.value_mm3 for volume in self.volume) and not self.trace:
             raise ValueError(message("no_volume_above_coefficient"))
-        stated = self.uncertainty.volume_mm3
-        if stated is not None and len(stated) != len(self.volume):
-            count, given = len(self.volume), len(stated)
+        stated, count = self.uncertainty.volume_mm3, len(self.volume)
+        if stated is not None and len(stated) != count:
+            given = len(stated)
             raise ValueError(
                 message("volumes_uncertainties_them_state", volume_count=count, stated_count=given)
             )
@@ -173,43 +177,21 @@ class WearSet(ImageSet):
         return self
 
     @model_validator(mode="after")
-    def _named_once(self) -> WearSet:
+    def _in_order(self) -> WearSet:
+        rows: dict[str, Sequence[SlidTest]] = {"trace": self.trace, "volume": self.volume}
+        for kind, tests in rows.items():
+            for number, (one, other) in enumerate(pairwise(tests), start=2):
+                if other.distance_m < one.distance_m:
+                    raise ValueError(
+                        message(
+                            "distance_m_comes_after_distances", kind=kind, number=number,
+                            distance_m=other.distance_m, distance_m_2=one.distance_m,
+                        )
+                    )  # fmt: skip
         for file, times in Counter(trace.file for trace in self.trace).items():
             if times > 1:
                 raise ValueError(message("trace_file_stands_twice", file=file))
         return self
-
-
-def _refuse_falling(kind: str, tests: Sequence[SlidTest]) -> None:
-    """ValueError for tests that are not by rising distance."""
-    for number, (one, other) in enumerate(pairwise(tests), start=2):
-        if other.distance_m < one.distance_m:
-            raise ValueError(
-                message(
-                    "distance_m_comes_after_distances", kind=kind, number=number,
-                    distance_m=other.distance_m, distance_m_2=one.distance_m,
-                )
-            )  # fmt: skip
-
-
-_COMMON = {"normal_n": "load_percent", "distance_m": "distance_percent"}
-"""Keys of each test whose relative uncertainty is common to all."""
-
-
-def _with_stated(model: type[WearSet], data: dict[str, Any]) -> dict[str, Any]:
-    """A set's tables with plain values, and what stood beside them under [uncertainty]."""
-    plain, stated = split_uncertainties(model, data)
-    uncertainties: dict[str, Any] = {}
-    for key, spread in stated.items():
-        if key != "scar.width_mm":
-            raise ValueError(message("has_no_standard_uncertainty_here", key=key))
-        uncertainties["width_mm"] = spread
-    names = (*_COMMON, "value_mm3")
-    plain, relative = plain_rows(plain, ("trace", "volume"), names, "value_mm3")
-    if "value_mm3" in relative:
-        uncertainties["volume_mm3"] = relative.pop("value_mm3")
-    uncertainties |= {_COMMON[name]: common_percent(values) for name, values in relative.items()}
-    return under_uncertainty(plain, uncertainties)
 
 
 Array = NDArray[Any]
@@ -272,11 +254,6 @@ class TraceScatter:
     chi_square: float
     freedom: int
 
-    @property
-    def is_unlikely(self) -> bool:
-        """Whether the traces scatter more than their roughness explains."""
-        return self.freedom > 0 and float(chdtrc(self.freedom, self.chi_square)) < UNLIKELY
-
 
 def trace_scars(settings: WearSet) -> tuple[TraceScar, ...]:
     """Read and level the traces of a set. Raises InputError for one that cannot be."""
@@ -297,71 +274,55 @@ def worn_volumes(
     A distance of which one trace shows no clear scar is left out: to take the others alone would
     take those that chance made deep.
     """
-    keys = [tuple(_slid(scar.test).values()) for scar in scars]
-    groups = [
-        tuple(scar for scar, one in zip(scars, keys, strict=True) if one == key)
-        for key in dict.fromkeys(keys)
-    ]
-    groups = [group for group in groups if all(scar.levelled for scar in group)]
-    scatter = _scatter(groups)
-    volumes = [_of_traces(settings, group, scatter) for group in groups]
+    groups: dict[tuple[Any, ...], list[TraceScar]] = {}
+    for scar in scars:
+        groups.setdefault(tuple(_slid(scar.test).values()), []).append(scar)
+    volumes: list[WornVolume] = []
+    square, freedom, weights, known = 0.0, 0, [], []
+    width = settings.scar.width_mm if settings.scar else 1.0
+    for group in groups.values():
+        traces = levelled_of(group)
+        count = len(traces)
+        if count < len(group):
+            continue
+        # by the spectra: how well those are known is in φ, and not in each
+        area = np.array([trace.worn_area_mm2 for trace in traces])
+        factor = np.array([trace.student_factor for trace in traces])
+        variance = np.array([t.worn_area_uncertainty_mm2 for t in traces]) ** 2 / factor
+        level = np.array([t.levelling_uncertainty_mm2 for t in traces]) ** 2 / factor
+        freedoms = [trace.degrees_of_freedom for trace in traces]
+        known += freedoms
+        expected = float(variance.mean()) * student_factor_of(sum(freedoms))
+        square += float(np.sum((area - area.mean()) ** 2)) / expected
+        freedom += count - 1
+        # a distance's share of the coefficient goes with its load times distance
+        test = group[0].test
+        weights += [(test.distance_m * test.normal_n) ** 2 / count] * count
+        total = float(variance.mean()) / count
+        by_level = min(float(level.mean()) / count, total)
+        volumes.append(
+            WornVolume(
+                **_slid(test), volume_mm3=width * float(area.mean()), scars=tuple(group),
+                own_uncertainty_mm3=width * float(np.sqrt(total)),
+                roughness_mm3=width * float(np.sqrt(total - by_level)),
+                levelling_mm3=width * float(np.sqrt(by_level)),
+            )
+        )  # fmt: skip
+    scatter = TraceScatter(1.0, np.inf, 0.0, 0)
+    if volumes:
+        share = np.array(weights) / np.sum(weights)
+        before = min(MOST_FREEDOM, float(1.0 / np.sum(share**2 / np.array(known))))
+        both = before + freedom
+        phi = (before + square) / both * student_factor_of(both)
+        scatter = TraceScatter(phi, both, square, freedom)
+    wider = float(np.sqrt(scatter.factor))
+    volumes = [replace(v, own_uncertainty_mm3=wider * v.own_uncertainty_mm3) for v in volumes]
     spreads = settings.uncertainty.volume_mm3 or [np.nan] * len(settings.volume)
-    for test, spread in zip(settings.volume, spreads, strict=True):
-        volume = WornVolume(**_slid(test), volume_mm3=test.value_mm3, own_uncertainty_mm3=spread)
+    for given, spread in zip(settings.volume, spreads, strict=True):
+        volume = WornVolume(**_slid(given), volume_mm3=given.value_mm3, own_uncertainty_mm3=spread)
         volumes.append(volume)
     return tuple(volumes), scatter
 
 
 def _slid(test: SlidTest) -> dict[str, Any]:
-    """What a scar was worn by."""
     return {name: getattr(test, name) for name in SlidTest.model_fields}
-
-
-def _areas(group: Sequence[TraceScar]) -> tuple[Array, Array]:
-    """Areas (n,), mm², and their variances by the spectra, mm⁴.
-
-    How well those are known is in the factor φ here, and not in each.
-    """
-    traces = levelled_of(group)
-    variances = [trace.worn_area_uncertainty_mm2**2 / trace.student_factor for trace in traces]
-    return np.array([trace.worn_area_mm2 for trace in traces]), np.array(variances)
-
-
-def _scatter(groups: Sequence[tuple[TraceScar, ...]]) -> TraceScatter:
-    """How far the traces scatter, joined with what their shoulders promise."""
-    square, freedom, weights, known = 0.0, 0, [], []
-    for group in groups:
-        areas, variances = _areas(group)
-        freedoms = [trace.degrees_of_freedom for trace in levelled_of(group)]
-        known += freedoms
-        mean = float(variances.mean()) * student_factor_of(sum(freedoms))
-        square += float(np.sum((areas - areas.mean()) ** 2)) / mean
-        freedom += len(areas) - 1
-        # a distance's share of the coefficient goes with its load times distance
-        size = (group[0].test.distance_m * group[0].test.normal_n) ** 2
-        weights += [size / len(areas)] * len(areas)
-    if not groups:
-        return TraceScatter(1.0, np.inf, 0.0, 0)
-    share = np.array(weights) / np.sum(weights)
-    before = min(MOST_FREEDOM, float(1.0 / np.sum(share**2 / np.array(known))))
-    both = before + freedom
-    return TraceScatter((before + square) / both * student_factor_of(both), both, square, freedom)
-
-
-def _of_traces(
-    settings: WearSet, group: tuple[TraceScar, ...], scatter: TraceScatter
-) -> WornVolume:
-    assert settings.scar is not None
-    areas, variances = _areas(group)
-    width, count = settings.scar.width_mm, len(areas)
-    levels = [t.levelling_uncertainty_mm2**2 / t.student_factor for t in levelled_of(group)]
-    total = float(np.mean(variances)) / count
-    level = min(float(np.mean(levels)) / count, total)
-    return WornVolume(
-        **_slid(group[0].test),
-        volume_mm3=width * float(areas.mean()),
-        own_uncertainty_mm3=width * float(np.sqrt(scatter.factor * total)),
-        scars=group,
-        roughness_mm3=width * float(np.sqrt(total - level)),
-        levelling_mm3=width * float(np.sqrt(level)),
-    )

@@ -15,11 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from isochrome.cli.options import (
-    AS_STATED,
-    FIGURE,
-    PROCESS,
-    RUN,
-    TABLES,
+    OPTIONS,
     Commands,
     FramesArgument,
     Join,
@@ -85,7 +81,7 @@ class Finished:
 
 
 def command(
-    name: str, *tables: Options, text: str | None = None
+    name: str, *tables: str | Options, text: str | None = None
 ) -> Callable[[Callable[..., Finished]], Callable[..., Finished]]:
     """Add a function's command, with --out, the options of tables, --json; print what it gives."""
     group, _, word = name.rpartition(" ")
@@ -118,15 +114,13 @@ def command(
         signature = inspect.Signature(parameters(given.values(), folder, tables))
         run.__signature__ = signature  # type: ignore[attr-defined]
         words = text or inspect.getdoc(function)
-        add_to = calibrate_app if group else app
-        add_to.command(word, help=words, epilog=examples_of(name))(run)
+        (calibrate_app if group else app).command(word, help=words, epilog=examples_of(name))(run)
         return function
 
     return add
 
 
 def _print(outcome: Finished, out: Path, files: Sequence[str]) -> None:
-    """What `show` prints, warnings and places."""
     result = outcome.result
     outcome.show(result)
     if not outcome.shows_all:
@@ -146,22 +140,13 @@ _SHOWN_OF_CAMPAIGN = ("recording", "status", "frames", "failed_frames", "flagged
                       "kept_share")  # fmt: skip
 
 
-KNOWN: Options = {
-    "shape": (str | None, "contact (a cylinder on a block), disc, or other."),
-    **{name: (float | None, f"{one.question}.") for name, one in QUANTITIES.items()},
-    "bit_depth": (int | None, "Bits of the sensor, where the file has more."),
-    "channel": (str | None, "Of colour frames: red, green, blue or mean."),
-    "field": (str | None, "dark or bright; else searched for."),
-    "gamma": (float | None, "The camera stores light^(1/gamma); else searched for."),
-    "rotate_deg": (int | None, "Quarter turns until the load is above; else searched."),
-    "flip": (str | None, "horizontal or vertical, where a mirror was in the way."),
-    "frame": (int | None, "Frame to look at, from 0; else the first with fringes."),
-    "replace": (bool, "Replace the scene that is there."),
+QUANTITIES_GIVEN: Options = {
+    name: (float | None, f"{one.question}.") for name, one in QUANTITIES.items()
 }
-"""What is known: type and option of each, by the name that KnownValues has."""
+"""Numbers that are known, by the names that KnownValues has."""
 
 
-@command("init", KNOWN)
+@command("init", "shape", QUANTITIES_GIVEN, "known")
 def init_command(
     frames: FramesArgument, join: Join = False, *, out: Path, as_json: bool, **options: Any
 ) -> Finished:
@@ -191,7 +176,7 @@ def init_command(
         return Finished(drafting.init(recording, known, out, replace=replace), show)
 
 
-@command("process", PROCESS)
+@command("process", "process", "as_stated", "run", "keep_going", "figure", "tables")
 def process_command(
     frames: FramesArgument, scene: SceneOption, join: Join = False, *, out: Path, **options: Any
 ) -> Finished:
@@ -233,7 +218,6 @@ def _print_processed(result: Processed) -> None:
 def _process_campaign(
     recordings: tuple[FramesPath, ...], scene: str, out: Path, options: dict[str, Any]
 ) -> Finished:
-    """Many recordings, each into a folder of its own."""
     from isochrome.campaigns import process_campaign
 
     with campaign_bar() as progress:
@@ -259,20 +243,6 @@ def _process_campaign(
     return Finished(result, show, shows_all=True, failure=failure)
 
 
-INTO: Options = {"into": (Path | None, "Scene file (TOML) to set the value in.")}
-
-SCALE: Options = INTO | {
-    "target": (str | None, "What the images show: chessboard or dots."),
-    "columns": (int | None, "Inner corners (or dots) in a row of the target."),
-    "rows": (int | None, "The same in a column."),
-    "spacing_mm": (float | None, "From corner to corner or from dot to dot, mm."),
-    "spacing_uncertainty_mm": (float | None, "Standard uncertainty of that, mm."),
-    "edges_mm": (float | None, "Instead of a target: the distance of two parallel edges, mm."),
-    "edges_uncertainty_mm": (float | None, "Standard uncertainty of that, mm."),
-}
-"""What a scale is taken from: type and option of each, by the name that the function takes."""
-
-
 def _calibrate(
     what: str,
     show: Callable[[Any], None],
@@ -282,7 +252,6 @@ def _calibrate(
     into: Path | None = None,
     **options: Any,
 ) -> Finished:
-    """Calibrate, and leave the result in `out` and its values in a scene."""
     from isochrome import calibration
 
     given: Any = source  # of a scale its images
@@ -307,18 +276,19 @@ def _print_colours(result: Any) -> None:
 
 
 for what, text, show, given in (
-    ("bending", "Calibrate from images of a beam in four-point bending.", print_values, INTO),
+    ("bending", "Calibrate from images of a beam in four-point bending.", print_values, "into"),
     ("disc", "Calibrate from images of a disc under diametral compression.", print_values,
-     INTO),
+     "into"),
     ("colour", "Calibrate a colour table, from a beam's images or from any images' own colours.",
      _print_colours, {}),
     ("wear", "Calibrate the wear coefficient from traces over worn scars, or from worn volumes.",
-     print_values, INTO),
+     print_values, "into"),
 ):  # fmt: skip
-    command(f"calibrate {what}", given, FIGURE, TABLES, text=text)(partial(_calibrate, what, show))
+    run = partial(_calibrate, what, show)
+    command(f"calibrate {what}", given, "figure", "tables", text=text)(run)
 
 
-@command("calibrate scale", SCALE, FIGURE, TABLES)
+@command("calibrate scale", "into", "scale", "figure", "tables")
 def scale_command(
     images: Annotated[
         list[str],
@@ -333,7 +303,7 @@ def scale_command(
     return _calibrate("scale", print_values, sources, out=out, **options)
 
 
-@command("sweep", RUN)
+@command("sweep", "run")
 def sweep_command(
     scene: SceneArgument,
     vary: Annotated[
@@ -461,7 +431,7 @@ def guide_command(
     return Finished({"topic": topic, "markdown": text}, lambda _: print_markdown(text), True)
 
 
-@command("demo", FIGURE)
+@command("demo", "figure")
 def demo_command(*, out: Path, as_json: bool, **_: Any) -> Finished:
     """Run the paper's case and the sample images end to end, offline, in under a minute.
 
@@ -480,10 +450,7 @@ def demo_command(*, out: Path, as_json: bool, **_: Any) -> Finished:
     return Finished(result, show, shows_all=True, extras=compared)
 
 
-COMPONENTS: Options = {"components": (bool, "Also the principal stresses, apart, in MPa.")}
-
-
-@command("simulate", COMPONENTS, RUN, FIGURE, TABLES)
+@command("simulate", "simulate", "run", "figure", "tables")
 def simulate_command(scene: SceneArgument, *, out: Path, **options: Any) -> Finished:
     """Simulate a scene: contact, wear, stress, and the frames that the camera would see."""
     from isochrome.simulation import simulate as run
@@ -497,7 +464,7 @@ def simulate_command(scene: SceneArgument, *, out: Path, **options: Any) -> Fini
     return Finished(result, lambda found: print_columns(found.history, names))
 
 
-@command("compare", FIGURE, TABLES)
+@command("compare", "figure", "tables")
 def compare_command(
     experiment: Annotated[
         str,
@@ -519,17 +486,7 @@ def compare_command(
     return Finished(result, lambda found: print_columns(found.columns, found.main_columns))
 
 
-FIT: Options = {
-    "free": (list[str] | None, "Key that all frames share; repeatable."),
-    "per_frame": (list[str] | None, "Key of each frame; repeatable."),
-    "follow": (bool, "Look for each frame where the last one was."),
-    "track": (bool, "Follow the --per-frame keys through a video, frame by frame."),
-    "tractions": (bool, "Also the pressure and shear on the surface, model-free."),
-}
-"""What is fitted, and how frames are gone through."""
-
-
-@command("fit", FIT, RUN, TABLES, {"as_stated": AS_STATED})
+@command("fit", "fit", "run", "tables", "as_stated")
 def fit_command(
     frames: FramesArgument, scene: SceneOption, join: Join = False, *, out: Path, **options: Any
 ) -> Finished:
@@ -539,7 +496,7 @@ def fit_command(
     from isochrome.frames import one_recording
 
     recording = one_recording(frames, join=join)
-    free, keys, follow, track, tractions = (options.pop(name) for name in FIT)
+    free, keys, follow, track, tractions = (options.pop(name) for name in OPTIONS["fit"])
     result: Any
     with run_bar("tracking" if track else "fitting") as progress:
         options |= {"out": out, "progress": progress}
@@ -584,17 +541,7 @@ def check_command(
     return Finished(values, lambda _: None, shows_all=True, failure=None if ok else ("", 2))
 
 
-SETUP: Options = {
-    "scene": (
-        str | None,
-        "Scene or set, there or not yet; by default scene.toml, or set.toml, beside the frames.",
-    ),
-    "calibration": (str | None, "beam (in bending) or disc: a calibration set of it is made."),
-}
-"""What is set up."""
-
-
-@command("setup", SETUP)
+@command("setup", "setup")
 def setup_command(
     frames: FramesArgument,
     join: Join = False,

@@ -6,6 +6,7 @@ import inspect
 import json
 import re
 import sys
+import tomllib
 import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -23,46 +24,7 @@ from isochrome.messages import message, messages_data
 if TYPE_CHECKING:
     from isochrome.figures import FigureStyle
 
-EXAMPLES = """\
-isochrome demo
-isochrome demo --out trial --json
-isochrome init captured.tif --pixel-mm 0.00607 --out bench
-isochrome init disc.png --shape disc --diameter-mm 50 --load-n 560
-isochrome simulate line-contact-wear --out simulation
-isochrome simulate scene.toml --components --out stresses
-isochrome process captured.tif --scene scene.toml --out experiment
-isochrome process contact.avi --scene scene.toml --maps key --out followed
-isochrome compare experiment simulation --out comparison
-isochrome compare captured.tif frames.tif --json
-isochrome fit captured.tif --scene scene.toml --free load.normal_n
-isochrome fit a.tif --scene s.toml --per-frame friction.coefficient
-isochrome check captured.tif --scene scene.toml
-isochrome check 'runs/*.avi' --scene scene.toml --json
-isochrome setup captured.tif
-isochrome setup bending --calibration beam
-isochrome bench
-isochrome bench fringes --out measured
-isochrome sweep line-contact-wear --vary load.normal_n=30:60:4
-isochrome sweep s.toml --vary friction.coefficient=0.1,0.2 --out grid
-isochrome export experiment --to netcdf
-isochrome export experiment --to tiff --out for-imagej
-isochrome report experiment
-isochrome report experiment --out for-a-colleague
-isochrome verify experiment
-isochrome verify campaign --json
-isochrome guide
-isochrome guide first-video
-isochrome calibrate bending set.toml
-isochrome calibrate bending set.toml --into scene.toml
-isochrome calibrate disc set.toml --out disc
-isochrome calibrate disc set.toml --into scene.toml --json
-isochrome calibrate colour colours.toml
-isochrome calibrate colour colours.toml --out colours --json
-isochrome calibrate wear set.toml
-isochrome calibrate wear set.toml --into scene.toml --out wear
-isochrome calibrate scale bar.tif --edges-mm 4.003 --into scene.toml
-isochrome calibrate scale bar.tif --edges-mm 4 --edges-uncertainty-mm 0.002
-"""
+EXAMPLES = Path(__file__).with_name("examples.txt").read_text("utf-8")
 """Two command lines for each command, as its help shows them."""
 
 
@@ -144,63 +106,26 @@ Join = Annotated[
 ]
 SetArgument = Annotated[str, typer.Argument(metavar="SET", help="Calibration set (TOML).")]
 
-RUN: Options = {
-    "workers": (int | None, "Processes; by default as many as are useful."),
-    "cluster": (str | None, "Address of a Dask scheduler, tcp://host:8786."),
-    "restart": (bool, "Begin anew, whatever an earlier run has left."),
-}
-"""How a long run is computed, by the name that the function takes."""
+_TYPES: dict[str, Any] = {
+    "bool": bool, "int": int | None, "float": float | None, "str": str | None,
+    "list": list[str] | None, "path": Path | None,
+}  # fmt: skip
 
-AS_STATED = (
-    bool,
-    "Hold all that the scene states; else what the frames ask for (the camera's roll, uneven "
-    "light, a band, ...) is fitted too, and said.",
-)
-"""For commands that fit: the option of the same name."""
 
-TABLES: Options = {
-    "tables": (
-        str | None,
-        "excel: also NAME_excel.csv of each table, with semicolons and decimal commas.",
-        "--csv",
-    )
-}
-"""For commands that leave tables."""
+def _read_options() -> dict[str, Options]:
+    text = Path(__file__).with_name("options.toml").read_text("utf-8")
+    return {
+        table: {name: (_TYPES[kind], *words) for name, (kind, *words) in rows.items()}
+        for table, rows in tomllib.loads(text).items()
+    }
 
-FIGURE: Options = {
-    "width": (str | None, "Also a figure for a paper, this wide: 85mm, 174mm, 3.4in."),
-    "shown": (str | None, "Its frames (states, images), from 0: 0,2,4.", "--frames"),
-    "formats": (str | None, "Its files: png, pdf, svg, tiff; pdf,png by default.", "--format"),
-    "dpi": (int | None, "Its dots per inch: 600 by default."),
-    "numbers": (bool, "Its panels' numbers, below them."),
-}
-"""A figure for a paper, for commands that leave a picture; any of these asks for it."""
 
-PROCESS: Options = {
-    "rois": (bool, "Also the fringe lines as ImageJ ROIs, skeleton.zip."),
-    "track": (
-        bool,
-        "Follow a contact, or known orders, through a stack or folder too, frame by frame from "
-        "key frames, as through a video.",
-    ),
-    "each": (bool, "Process every frame of a video as if it were alone."),
-    "every": (int | None, "Frames from key frame to key frame of a video, else 200 at most."),
-    "maps": (str | None, "Of a video, the maps of which frames: all, key, none; all up to 20 GB."),
-    "preview": (
-        bool,
-        "Write the last frame's orders to OUT.partial/preview.png every few seconds.",
-    ),
-    "as_stated": AS_STATED,
-    **RUN,
-    "keep_going": (bool, "Leave out frames that fail; the exit code is then 2."),
-    **FIGURE,
-    **TABLES,
-}
-"""What `process` takes besides its frames and scene, in the order of its help."""
+OPTIONS = _read_options()
+"""Options that commands share, or that a function takes, by the name of their table."""
 
 
 def parameters(
-    given: Iterable[inspect.Parameter], out: Path | None, tables: Iterable[Options]
+    given: Iterable[inspect.Parameter], out: Path | None, tables: Iterable[str | Options]
 ) -> list[inspect.Parameter]:
     """A function's own arguments, --out, the tables' options (off or None by default), --json."""
     kind = inspect.Parameter.POSITIONAL_OR_KEYWORD
@@ -215,7 +140,9 @@ def parameters(
             ],
         )
         for table in tables
-        for name, (of, text, *spelt) in table.items()
+        for name, (of, text, *spelt) in (
+            OPTIONS[table] if isinstance(table, str) else table
+        ).items()
     ]
     as_json = inspect.Parameter("as_json", kind, default=False, annotation=Json)
     return [*(one for one in given if one.kind is kind), *place, *options, as_json]
@@ -250,7 +177,7 @@ def take_extras(options: dict[str, Any]) -> Callable[[Any, Path], list[str]]:
 
 def take_style(options: dict[str, Any]) -> FigureStyle | None:
     """Take the options of a figure for a paper out of a command's, before its work begins."""
-    given = {name: options.pop(name) for name in FIGURE}
+    given = {name: options.pop(name) for name in OPTIONS["figure"]}
     if not any(value not in (None, False) for value in given.values()):
         return None
     from isochrome.figures import FigureStyle

@@ -71,13 +71,9 @@ class Surface:
 
 @lru_cache(maxsize=8)
 def make_surface(
-    nodes: int,
-    spacing_mm: float,
-    *,
-    contact_modulus_mpa: float,
-    coupling_per_mpa: float = 0.0,
+    nodes: int, spacing_mm: float, *, contact_modulus_mpa: float, coupling_per_mpa: float = 0.0,
     layer_mm_per_mpa: float = 0.0,
-) -> Surface:
+) -> Surface:  # fmt: skip
     """The surface operator of a grid, for E*, the coupling 1/G* (0: none) and a layer that gives
     way by its compliance times the pressure (Johnson, 1985, section 4.3: Winkler's foundation).
 
@@ -101,12 +97,9 @@ def make_surface(
         dense = toeplitz(half), None if ahead is None else toeplitz(ahead, -ahead)
     else:
         coarse = make_surface(
-            (n - 1) // COARSER + 1,
-            COARSER * h,
-            contact_modulus_mpa=contact_modulus_mpa,
-            coupling_per_mpa=coupling_per_mpa,
-            layer_mm_per_mpa=layer_mm_per_mpa,
-        )
+            (n - 1) // COARSER + 1, COARSER * h, contact_modulus_mpa=contact_modulus_mpa,
+            coupling_per_mpa=coupling_per_mpa, layer_mm_per_mpa=layer_mm_per_mpa,
+        )  # fmt: skip
     return Surface(
         nodes=n, spacing_mm=h, modulus_mpa=contact_modulus_mpa,
         normal=scipy.fft.rfft(_circular(half, length)), coupling=coupling,
@@ -141,14 +134,13 @@ def log_of_hat(nodes: int, spacing_mm: float) -> Floats:
     for m in range(1, 6):
         series -= far_lag ** (-2.0 * m) / (m * (2 * m + 1) * (2 * m + 2))
     near = lag[:_NEAR]
-    series[:_NEAR] = _second_antiderivative(near + 1) + _second_antiderivative(near - 1)
-    series[:_NEAR] -= 2.0 * _second_antiderivative(near)
+    before, middle, behind = (
+        x * x * (0.5 * np.log(np.where(x == 0.0, 1.0, np.abs(x))) - 0.75)
+        for x in (near - 1, near, near + 1)
+    )
+    series[:_NEAR] = behind + before
+    series[:_NEAR] -= 2.0 * middle
     return np.asarray(spacing_mm * (series + np.log(spacing_mm)))
-
-
-def _second_antiderivative(x: Floats) -> Floats:
-    safe = np.where(x == 0.0, 1.0, np.abs(x))
-    return x * x * (0.5 * np.log(safe) - 0.75)
 
 
 def _circular(half: Floats, length: int, *, odd: bool = False) -> Floats:
@@ -262,15 +254,12 @@ class ActiveSystem:
     def solve(self, active: Mask, start: Floats, tolerance: float, *, look: bool) -> ActiveSet:
         """Solve with contact on `active` to a relative residual, from a pressure near by.
 
-        With `look` the signs are looked at on the way: a wrong set need not be solved to the end.
+        By Gauss's elimination on a small grid, with the load as the last row, and the approach as
+        unknown. With `look` the signs are looked at on the way: a wrong set need not be solved to
+        the end.
         """
-        if self.surface.dense is not None:
-            return self._directly(active, tolerance)
-        return self._iteratively(active, start, tolerance, look)
-
-    def _directly(self, active: Mask, tolerance: float) -> ActiveSet:
-        """Gauss's elimination with the load as the last row, and the approach as unknown."""
-        assert self.surface.dense is not None
+        if self.surface.dense is None:
+            return self._iteratively(active, start, tolerance, look)
         normal, coupling = self.surface.dense
         matrix = normal if coupling is None else normal + self.friction * coupling
         on, count = np.flatnonzero(active), int(np.count_nonzero(active))
@@ -330,14 +319,8 @@ class ActiveSystem:
         """A solution with its gap; wrong is what overlaps or pulls by more than these shares."""
         gap = self.gap + u
         gap -= float(gap[active].mean())
-        pulls = pressure <= -pull * pressure.max()
-        wrong = np.where(active, pulls, gap < -overlap * _range(u))
-        return ActiveSet(pressure, gap, wrong, used)
-
-    def residual(self, active: Mask, gap: Floats) -> float:
-        """Largest violation of gap = 0 in contact and gap >= 0 outside, over the displacement."""
-        violation = np.where(active, np.abs(gap), np.maximum(-gap, 0.0)).max()
-        return float(violation / _range(gap - self.gap))
+        pulls, overlaps = pressure <= -pull * pressure.max(), gap < -overlap * _range(u)
+        return ActiveSet(pressure, gap, np.where(active, pulls, overlaps), used)
 
 
 def _project(inside: Floats, count: int, values: Floats) -> Floats:
@@ -377,15 +360,9 @@ class ContactState:
 
 
 def solve_pressure(
-    surface: Surface,
-    gap_mm: Floats,
-    line_load_n_per_mm: float,
-    *,
-    friction: float = 0.0,
-    wear_mm_per_mpa: float = 0.0,
-    start: Floats | None = None,
-    tolerance: float = 1e-10,
-) -> ContactState:
+    surface: Surface, gap_mm: Floats, line_load_n_per_mm: float, *, friction: float = 0.0,
+    wear_mm_per_mpa: float = 0.0, start: Floats | None = None, tolerance: float = 1e-10,
+) -> ContactState:  # fmt: skip
     """Contact pressure under the load P', for an undeformed gap (n,) that includes the worn depth.
 
     A constant offset of the gap does not matter; mu counts in the coupling alone; `wear_mm_per_mpa`
@@ -399,10 +376,9 @@ def solve_pressure(
     if not 0.0 < line_load_n_per_mm < math.inf:
         raise InputError("load_mm_must_above", load=line_load_n_per_mm)
     gap = gap_mm - datum
-    active = None if start is None else start > 0.0
-    if start is None or active is None or not active.any():
+    if start is None or not (start > 0.0).any():
         start = _from_coarse(surface, gap, line_load_n_per_mm, friction, wear_mm_per_mpa)
-        active = start > 0.0
+    active = start > 0.0
     system = ActiveSystem(surface, gap, line_load_n_per_mm, friction, wear_mm_per_mpa)
     pressure = np.where(active, start, 0.0)
     fewest, patience, iterations = surface.nodes + 1, _PATIENCE, 0
@@ -411,7 +387,8 @@ def solve_pressure(
         pressure, iterations = trial.pressure, iterations + trial.iterations
         count = int(np.count_nonzero(trial.wrong))
         if count == 0:
-            residual = system.residual(active, trial.gap)
+            violation = np.where(active, np.abs(trial.gap), np.maximum(-trial.gap, 0.0)).max()
+            residual = float(violation / _range(trial.gap - gap))
             if not residual <= _WORST * tolerance:
                 break
             return ContactState(pressure, trial.gap, residual, iterations, sets)
@@ -460,7 +437,7 @@ def _runs(mask: Mask) -> NDArray[np.intp]:
 def _from_coarse(
     surface: Surface, gap: Floats, load: float, friction: float, wear: float
 ) -> Floats:
-    """A start from an four times coarser grid; on the coarsest, where the bodies would overlap.
+    """A start from a four times coarser grid; on the coarsest, where the bodies would overlap.
 
     There the overlap at the contact's edge is taken as that of a parabola, x²/(2R) = 2 P'/(pi E*).
     """
@@ -468,28 +445,19 @@ def _from_coarse(
     if coarse is None:
         depth = gap.min() + 2.0 * load / (np.pi * surface.modulus_mpa)
         return np.where(gap <= depth, load, 0.0)
-    step = COARSER
     state = solve_pressure(
-        coarse, gap[::step], load, friction=friction, wear_mm_per_mpa=wear, tolerance=1e-4
+        coarse, gap[::COARSER], load, friction=friction, wear_mm_per_mpa=wear, tolerance=1e-4
     )
-    nodes = np.arange(surface.nodes) / step
-    start = np.interp(nodes, np.arange(coarse.nodes), state.pressure)
-    return np.where(_inside(nodes, state.pressure), np.maximum(start, 1e-3 * start.max()), 0.0)
-
-
-def _inside(nodes: Floats, pressure: Floats) -> Mask:
-    """Where a finer grid (its nodes in this one's spacings) is in contact, to within a node of it.
-
-    Near an edge p² falls linearly to zero. The last node is left out of the line: it bears what its
-    element bears beyond the edge; the line through the next two ends 0.2 too far (measured).
-    """
-    square = pressure**2
-    inside = np.zeros(len(nodes), dtype=bool)
+    nodes = np.arange(surface.nodes) / COARSER
+    # near an edge p² falls linearly to zero. The last node is left out of the line: it bears what
+    # its element bears beyond the edge; the line through the next two ends 0.2 too far (measured)
+    square, inside = state.pressure**2, np.zeros(len(nodes), dtype=bool)
     for start, end in _runs(square > 0.0):
         run = square[start:end]
         first, last = start - _reach(run), end - 1 + _reach(run[::-1])
         inside |= (nodes > first) & (nodes < last)
-    return inside
+    pressure = np.interp(nodes, np.arange(coarse.nodes), state.pressure)
+    return np.where(inside, np.maximum(pressure, 1e-3 * pressure.max()), 0.0)
 
 
 def _reach(square: Floats) -> float:

@@ -109,11 +109,10 @@ def _slope(n: int) -> Floats:
     for offset, value in zip(offsets.astype(int), stencil, strict=True):
         np.add.at(half, (rows, np.abs(rows + offset)), value)
     for row, some in enumerate(_POWERS, start=1):
-        powers, count = np.array(some), len(some)
+        powers, nodes = np.array(some), np.arange(1.0, len(some) + 1.0)
         half[row] = 0.0
-        half[row, 1 : count + 1] = _exact_slope(
-            np.arange(1.0, count + 1.0), powers, powers * float(row) ** (powers - 1.0)
-        )
+        slopes = powers * float(row) ** (powers - 1.0)
+        half[row, 1 : len(some) + 1] = _exact_slope(nodes, powers, slopes)
     matrix = half - half[::-1, ::-1]
     if n % 2 == 0:
         matrix[n // 2] *= 0.5  # the middle has both neighbourhoods
@@ -238,13 +237,8 @@ def hertz_units(
     `coupling_per_mpa` is 1/G*. Source: Johnson (1985), section 4.2.
     """
     length = math.sqrt(4.0 * load * radius_mm / (math.pi * modulus_mpa))
-    return Units(
-        line_load_n_per_mm=load,
-        length_mm=length,
-        pressure_mpa=0.5 * modulus_mpa * length / radius_mm,
-        depth_mm=length**2 / radius_mm,
-        beta=0.25 * modulus_mpa * coupling_per_mpa,
-    )
+    pressure, beta = 0.5 * modulus_mpa * length / radius_mm, 0.25 * modulus_mpa * coupling_per_mpa
+    return Units(load, length, pressure, length**2 / radius_mm, beta)
 
 
 _ORDER = 4
@@ -297,15 +291,9 @@ class Scar:
 
 
 def scar_history(
-    radius_mm: float,
-    contact_modulus_mpa: float,
-    coupling_per_mpa: float,
-    history: SlidingHistory,
-    stops: Sequence[OutputState],
-    *,
-    tolerance: float,
-    held: bool = False,
-) -> Iterator[Scar]:
+    radius_mm: float, contact_modulus_mpa: float, coupling_per_mpa: float, history: SlidingHistory,
+    stops: Sequence[OutputState], *, tolerance: float, held: bool = False,
+) -> Iterator[Scar]:  # fmt: skip
     """Solve worn contacts of a cylinder at rising doses, as long as both edges advance.
 
     They end before the first stop on whose way an edge draws back, which leaves worn surface
@@ -369,9 +357,9 @@ def _steady_walk(mesh: Mesh, pull: float, allowed: float, held: bool) -> Walk:
     """The walk of all contacts under one load and one friction: in their units they differ by
     `pull` = mu beta alone.
     """
-    units = Units(line_load_n_per_mm=1.0, length_mm=1.0, pressure_mpa=1.0, depth_mm=1.0, beta=1.0)
     course = SlidingHistory(np.arange(2.0), np.arange(2.0), np.ones(2), np.full(2, pull))
-    return Walk(ScarEquations(mesh, units, course), math.inf, allowed, held)
+    equations = ScarEquations(mesh, Units(1.0, 1.0, 1.0, 1.0, 1.0), course)
+    return Walk(equations, math.inf, allowed, held)
 
 
 def load_rises(history: SlidingHistory) -> bool:
@@ -412,7 +400,7 @@ def _walk(
         remaining, step = min(end, kink) - dose, max(step, shortest)
         size = remaining if remaining <= step else min(step, 0.5 * remaining)
         new, error = _advance(equations, points, size)
-        factor = SAFETY * (allowed / max(error, 1e-300)) ** (1.0 / (_order(points) + 1))
+        factor = SAFETY * (allowed / max(error, 1e-300)) ** (1.0 / (min(len(points), _ORDER) + 1))
         if size <= shortest and error > _NEARLY:
             return
         if size > shortest and error > _REJECT * allowed and len(points) > _ORDER:
@@ -435,7 +423,7 @@ def _advance(
     """One step, and the forecast's error: of the depth over the depth, or over what the contact
     gives elastically where that is less; or of the edges over the half-width."""
     dose = points[0].dose + size
-    past = points[: _order(points)]
+    past = points[:_ORDER]
     slope = _slope_weights([dose, *(point.dose for point in past)])
     span = 1.0 / slope[0]
     base = -span * _mix(slope[1:], [point.state for point in past])
@@ -446,15 +434,9 @@ def _advance(
         change = change + more
     n = len(new.pressure)
     width = float(forecast[n + 1])
-    depth = max(0.0, float(np.abs(change[:n]).max()) - _ROUNDING) / (
-        min(dose, width) * float(new.pressure.max())
-    )
-    edges = float(np.abs(change[n : n + 2]).max()) / width
-    return new, max(depth, edges)
-
-
-def _order(points: list[MeshPoint]) -> int:
-    return min(len(points), _ORDER)
+    depth = max(0.0, float(np.abs(change[:n]).max()) - _ROUNDING)
+    depth /= min(dose, width) * float(new.pressure.max())
+    return new, max(depth, float(np.abs(change[n : n + 2]).max()) / width)
 
 
 def _edges(point: MeshPoint) -> Floats:
@@ -468,7 +450,7 @@ def _growth(points: list[MeshPoint], new: MeshPoint) -> Floats:
 
     A step may pass over the dose at which an edge turns.
     """
-    past = [new, *points[: _order(points)]]
+    past = [new, *points[:_ORDER]]
     speeds = _slope_weights([point.dose for point in past])
     size = new.dose - points[0].dose
     return np.asarray(size * sum(v * _edges(point) for v, point in zip(speeds, past, strict=True)))
@@ -505,7 +487,7 @@ def _mix(weights: list[float], rows: list[Floats]) -> Floats:
 
 def _slope_weights(nodes: list[float]) -> list[float]:
     """Weights of the values at the nodes in their polynomial's slope at the first of them."""
-    first, others = nodes[0], nodes[1:]
+    first, *others = nodes
     weights = [
         math.prod((first - s) / (r - s) for s in others if s != r) / (r - first) for r in others
     ]

@@ -108,14 +108,9 @@ class _Past:
 
 
 def wear_history(
-    surface: Surface,
-    gap_mm: Floats,
-    history: SlidingHistory,
-    stops: Sequence[OutputState],
-    *,
-    tolerance: float = 1e-4,
-    start: tuple[float, Floats] | None = None,
-) -> Iterator[WornState]:
+    surface: Surface, gap_mm: Floats, history: SlidingHistory, stops: Sequence[OutputState], *,
+    tolerance: float = 1e-4, start: tuple[float, Floats] | None = None,
+) -> Iterator[WornState]:  # fmt: skip
     """Solve a worn contact at rising doses, hit exactly, each state yielded as soon as it is known.
 
     `gap_mm` (n,) is the unworn gap; the friction counts in the coupling alone; `stops` are sorted
@@ -130,28 +125,21 @@ def wear_history(
     past: _Past | None = None
     share = 1.0 if history.steady else _CHANGING
     scale = (gap_mm[contact.pressure > 0.0].max() - gap_mm.min()) / contact.pressure.max()
-    # the dose in which the shortest wave relaxes, the share of what is left that a step takes
-    # towards a jump, and the doses of states that are one
-    near = (
-        float(surface.lattice_normal[-1]), min(_CAREFUL * tolerance**0.5, _APPROACH),
-        paused_doses(history, stops),
-    )  # fmt: skip
-    first = 1e-3 * tolerance**0.5 * max(scale, stops[-1].dose_mm_per_mpa * 1e-6)
-    step = first
+    # the dose in which the shortest wave relaxes, and the share of what is left to a jump
+    near = float(surface.lattice_normal[-1]), min(_CAREFUL * tolerance**0.5, _APPROACH)
+    pauses = paused_doses(history, stops)
+    step = first = 1e-3 * tolerance**0.5 * max(scale, stops[-1].dose_mm_per_mpa * 1e-6)
     for stop in stops:
         while stop.dose_mm_per_mpa - now.dose_mm_per_mpa > SAME * stop.dose_mm_per_mpa:
-            size, target = _size(history, now.dose_mm_per_mpa, stop, step, near)
-            load, mu = history.at(target)
-            shortest = SAME * stop.dose_mm_per_mpa
-            new, step = _advance(
-                surface, gap_mm, (load, mu), now, past, size, tolerance, share, shortest
-            )
+            size, target = _size(history, now.dose_mm_per_mpa, stop, step, near, pauses)
+            drive, least = history.at(target), SAME * stop.dose_mm_per_mpa
+            new, step = _advance(surface, gap_mm, drive, now, past, size, tolerance, least, share)
             if new is None:
                 continue
             past = _Past(now.depth_mm, now.contact.pressure, size)
             now = replace(new, dose_mm_per_mpa=target)
             after = history.leaving(target)
-            if stop.dose_mm_per_mpa > target and not same_drive(after, (load, mu)):
+            if stop.dose_mm_per_mpa > target and not same_drive(after, drive):
                 past, step = None, first
                 worn, pressure = gap_mm + now.depth_mm, now.contact.pressure
                 now = replace(now, contact=_settled(surface, worn, after, pressure))
@@ -161,26 +149,31 @@ def wear_history(
 
 def _size(
     history: SlidingHistory, dose: float, stop: OutputState, step: float,
-    near: tuple[float, float, frozenset[float]],
+    near: tuple[float, float], pauses: frozenset[float],
 ) -> tuple[float, float]:  # fmt: skip
     """The next step's size and the dose where it ends: the stop and breaks are met exactly."""
-    relaxing, careful, pauses = near
+    relaxing, careful = near
 
     def longest(remaining: float, share: float) -> float:
         settle = min(share, _SETTLE) * relaxing
         return remaining if remaining <= settle else max(settle, share * remaining)
 
-    remaining, until = stop.dose_mm_per_mpa - dose, history.next_break(dose * (1.0 + SAME)) - dose
-    size, beyond = min(step, longest(remaining, _APPROACH)), dose * (1.0 + SAME)
-    pause = min((k for k in pauses if k > beyond), default=float("inf"))
-    jump = min(history.next_jump(beyond), pause) - dose
-    if jump < float("inf"):
+    beyond = dose * (1.0 + SAME)
+    remaining, until = stop.dose_mm_per_mpa - dose, history.next_break(beyond) - dose
+    size = min(step, longest(remaining, _APPROACH))
+    jump = min(history.next_jump(beyond), _after(pauses, beyond)) - dose
+    if jump < np.inf:
         size = min(size, longest(jump, careful))
     if size >= until and until < remaining:
         return until, dose + until
     if 2.0 * size > until and until < remaining:  # two halves, not a whole and a sliver
         size = 0.5 * until
     return size, stop.dose_mm_per_mpa if size == remaining else dose + size
+
+
+def _after(doses: frozenset[float], dose: float) -> float:
+    """The first of some doses beyond another, or infinity."""
+    return min((k for k in doses if k > dose), default=float("inf"))
 
 
 def _settled(
@@ -192,16 +185,9 @@ def _settled(
 
 
 def _advance(
-    surface: Surface,
-    gap: Floats,
-    drive: tuple[float, float],
-    now: WornState,
-    past: _Past | None,
-    size: float,
-    tolerance: float,
-    share: float,
-    shortest: float,
-) -> tuple[WornState | None, float]:
+    surface: Surface, gap: Floats, drive: tuple[float, float], now: WornState, past: _Past | None,
+    size: float, tolerance: float, shortest: float, share: float = 1.0,
+) -> tuple[WornState | None, float]:  # fmt: skip
     """One implicit step, None where its forecast errs too much, and the next step's size.
 
     A step of the `shortest` size is taken whatever it errs; `share` of what the tolerance of the
@@ -226,13 +212,11 @@ def _advance(
     in_displacement = share * min(_FORECAST * tolerance, _LARGEST_FORECAST)
     in_peak = min(_PEAK_FORECAST * tolerance, _LARGEST_PEAK_FORECAST)
     below = np.ptp(u[0]) / np.ptp(u[1]) / in_displacement
-    above = np.abs(miss[at]).max() / peak / in_peak
-    error = float(max(below, above))
+    error = float(max(below, np.abs(miss[at]).max() / peak / in_peak))
     factor = max(SHRINK, SAFETY / max(error, 1e-300) ** 0.5)
     if error > 1.0 and size > shortest:
         return None, size * factor
-    depth = base + diagonal * pressure
-    new = WornState(now.dose_mm_per_mpa + size, contact, depth)
+    new = WornState(now.dose_mm_per_mpa + size, contact, base + diagonal * pressure)
     return new, size * min(_GROW, factor)
 
 
@@ -271,12 +255,9 @@ def make_site(scene: Scene, grid: ContactGrid) -> ContactSetup:
     """The operator and the gap of a scene on a grid; InputError on an unusable profile."""
     modulus, coupling = elastic_constants(scene)
     surface = make_surface(
-        grid.nodes,
-        grid.spacing_mm,
-        contact_modulus_mpa=modulus,
-        coupling_per_mpa=coupling,
+        grid.nodes, grid.spacing_mm, contact_modulus_mpa=modulus, coupling_per_mpa=coupling,
         layer_mm_per_mpa=scene.layer_mm_per_mpa,
-    )
+    )  # fmt: skip
     return ContactSetup(scene, grid, surface, undeformed_gap(scene, grid.x_mm))
 
 
@@ -313,7 +294,7 @@ class GrowingScar:
             share = (now.dose_mm_per_mpa + size) / dose_mm_per_mpa
             load, mu = (a + share * (b - a) for a, b in zip(self.drive, drive, strict=True))
             new, step = _advance(
-                site.surface, site.gap_mm, (load, mu), now, past, size, tolerance, 1.0,
+                site.surface, site.gap_mm, (load, mu), now, past, size, tolerance,
                 SAME * dose_mm_per_mpa,
             )  # fmt: skip
             if new is None:
@@ -325,15 +306,12 @@ class GrowingScar:
 
     def on(self, nodes: int) -> GrowingScar:
         """The same on a grid of more nodes about the same middle."""
-        room = (nodes - len(self.depth_mm)) // 2
-        before = self.before
-        return GrowingScar(
-            np.pad(self.depth_mm, room), self.drive,
-            None if self.pressure_mpa is None else np.pad(self.pressure_mpa, room),
-            before and _Past(
-                np.pad(before.depth, room), np.pad(before.pressure, room), before.step
-            ),
-        )  # fmt: skip
+        wide = partial(np.pad, pad_width=(nodes - len(self.depth_mm)) // 2)
+        before, pressure = self.before, self.pressure_mpa
+        if before is not None:
+            before = _Past(wide(before.depth), wide(before.pressure), before.step)
+        pressure = None if pressure is None else wide(pressure)
+        return GrowingScar(wide(self.depth_mm), self.drive, pressure, before)
 
     def to_json(self) -> dict[str, Any]:
         """Plain numbers for `from_json`."""
@@ -348,11 +326,9 @@ class GrowingScar:
     def from_json(cls, plain: dict[str, Any]) -> GrowingScar:
         """The scar of some plain numbers."""
         (load, mu), pressure, before = plain["drive"], plain["pressure_mpa"], plain["before"]
-        return cls(
-            np.array(plain["depth_mm"]), (load, mu),
-            None if pressure is None else np.array(pressure),
-            before and _Past(np.array(before[0]), np.array(before[1]), before[2]),
-        )  # fmt: skip
+        pressure = None if pressure is None else np.array(pressure)
+        before = before and _Past(np.array(before[0]), np.array(before[1]), before[2])
+        return cls(np.array(plain["depth_mm"]), (load, mu), pressure, before)
 
 
 def worn_states(
@@ -371,11 +347,11 @@ def worn_states(
     modulus, _ = elastic_constants(site.scene)
     nothing = _UNWORN * site.grid.spacing_mm / modulus
     done = sum(stop.dose_mm_per_mpa <= nothing for stop in stops)
-    start: tuple[float, Floats] = 0.0, np.zeros(site.grid.nodes)
+    dose = 0.0
+    depth: Floats = np.zeros(site.grid.nodes)
     for stop in stops[:done]:
-        yield elastic_state(site, start[1], stop)
-    pauses = paused_doses(course, stops)
-    jump = course.next_jump(0.0)
+        yield elastic_state(site, depth, stop)
+    pauses, jump = paused_doses(course, stops), course.next_jump(0.0)
     last: Scar | None = None
     sharp: Floats | None = None  # depth under the last scar, where its edge may be overrun
     for scar in _scars(site, course, stops[done:], tolerance, path=path or course):
@@ -390,8 +366,13 @@ def worn_states(
     if not later:
         return
     if last is not None:
-        start = _after_scar(site, course, last, sharp, last_pause=max(pauses, default=0.0))
-    share = 1.0 if course.steady else _AFTER
+        dose = last.stop.dose_mm_per_mpa
+        if sharp is None:
+            ahead = min(course.next_jump(dose), _after(pauses, dose))
+            on_grid = scar_on_nodes(last, site.grid.x_mm)[1]
+            sharp = _sharp_depth(site, course, last) if ahead < np.inf else on_grid
+        depth = sharp
+    share, start = 1.0 if course.steady else _AFTER, (dose, depth)
     history = wear_history(
         site.surface, site.gap_mm, course, later, tolerance=share * tolerance, start=start
     )
@@ -399,24 +380,10 @@ def worn_states(
         yield _state(site, stop, worn.contact, worn.depth_mm)
 
 
-def _after_scar(
-    site: ContactSetup, history: SlidingHistory, scar: Scar, sharp: Floats | None, last_pause: float
-) -> tuple[float, Floats]:
-    """Dose and depth where the grid goes on from a scar: sharp where an edge may be overrun."""
-    dose = scar.stop.dose_mm_per_mpa
-    if sharp is None and (history.next_jump(dose) < np.inf or last_pause > dose):
-        sharp = _sharp_depth(site, history, scar)
-    return dose, scar_on_nodes(scar, site.grid.x_mm)[1] if sharp is None else sharp
-
-
 def _scars(
-    site: ContactSetup,
-    history: SlidingHistory,
-    stops: list[OutputState],
-    tolerance: float,
-    *,
+    site: ContactSetup, history: SlidingHistory, stops: list[OutputState], tolerance: float, *,
     path: SlidingHistory | None = None,
-) -> Iterator[Scar]:
+) -> Iterator[Scar]:  # fmt: skip
     """What the moving mesh holds of the stops: nothing but under a cylinder.
 
     How far that is must not depend on the tolerance, nor on how finely it samples the course: the
@@ -426,8 +393,7 @@ def _scars(
     if indenter.shape != "cylinder" or indenter.profile is not None or site.scene.layer_mm_per_mpa:
         return  # the mesh's places are those of a pressure that ends as the root of the distance
     assert indenter.radius_mm is not None
-    modulus, coupling = elastic_constants(site.scene)
-    run = partial(scar_history, indenter.radius_mm, modulus, coupling)
+    run = partial(scar_history, indenter.radius_mm, *elastic_constants(site.scene))
     held = path is None
     if stops and path is not None and not history.steady:
         scars = run(path, stops, tolerance=PATH_TOLERANCE)
@@ -656,12 +622,11 @@ def iter_contact_states(scene: Scene) -> Iterator[SurfaceState]:
 def _states_on(
     scene: Scene, grid: ContactGrid, history: SlidingHistory, stops: list[OutputState]
 ) -> Iterator[SurfaceState]:
-    """The states on one grid, in the scene's order."""
     site = make_site(scene, grid)
     static = scene.friction is None or scene.friction.static_state_first
     held = scene.load.tangential_n if scene.load else None
     if (static and (not scene.wear or scene.friction)) or held is not None:
-        yield _static_state(site, line_load(scene))
+        yield _static_state(site, line_load(scene), held)
     if held is not None or (scene.friction is None and not scene.wear):
         return
     order = sorted(range(len(stops)), key=lambda i: stops[i].dose_mm_per_mpa)
@@ -679,18 +644,16 @@ def _states_on(
             place += 1
 
 
-def _static_state(site: ContactSetup, load: float) -> SurfaceState:
+def _static_state(site: ContactSetup, load: float, held: float | None) -> SurfaceState:
     scene, grid = site.scene, site.grid
     contact = solve_pressure(site.surface, site.gap_mm, load)
     mu = scene.friction_at(0.0)
-    held = scene.load.tangential_n if scene.load else None
     shear: Floats = np.zeros(grid.nodes)
     if held and scene.specimen.thickness_mm:
         # q = mu [p(P') - p(P' - Q'/mu)], for any profile, without coupling. Sources: Jäger (1998),
         # Arch. Appl. Mech. 68, 159; Ciavarella (1998), Int. J. Solids Struct. 35, 2349
         tangential = held / scene.specimen.thickness_mm
-        stuck = load - abs(tangential / mu)
-        inner: Floats = np.zeros(grid.nodes)
+        stuck, inner = load - abs(tangential / mu), shear
         if stuck > 1e-9 * load:
             start = contact.pressure
             inner = solve_pressure(site.surface, site.gap_mm, stuck, start=start).pressure

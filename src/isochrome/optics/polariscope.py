@@ -90,7 +90,9 @@ def make_chain(
             return Chain(0j, 1 + 0j, 1j, 1, band)
         if analyser == polariser:
             return Chain(1 + 0j, 0j, 0j, -1, band)
-    light, output = _axis(polariser), _axis(analyser)
+    # unit vectors along the polariser's and the analyser's axis
+    turns = math.radians(polariser), math.radians(analyser)
+    light, output = (np.array([math.cos(turn), math.sin(turn)], dtype=complex) for turn in turns)
     if first is not None and second is not None:
         light = retarder(0.5 * math.pi * ratio, first) @ light
         output = output @ retarder(0.5 * math.pi * ratio, second)
@@ -141,12 +143,6 @@ def retarder(retardance_rad: float, fast_axis_deg: float) -> NDArray[np.complex1
     c, s = math.cos(0.5 * retardance_rad), math.sin(0.5 * retardance_rad)
     a, b = math.cos(math.radians(2 * fast_axis_deg)), math.sin(math.radians(2 * fast_axis_deg))
     return np.array([[c - 1j * s * a, -1j * s * b], [-1j * s * b, c + 1j * s * a]])
-
-
-def _axis(angle_deg: float) -> NDArray[np.complex128]:
-    """Unit vector along a polariser's axis."""
-    angle = math.radians(angle_deg)
-    return np.array([math.cos(angle), math.sin(angle)], dtype=complex)
 
 
 @dataclass(frozen=True)
@@ -243,20 +239,20 @@ def make_light(polariscope: Polariscope, response: Response, *, highest_order: f
     nodes for every half turn of the retardation, at the highest order in the picture, and every 25
     nm: 1e-9. InputError where a channel sees nothing of it, or the wavelength is missing.
     """
+    wavelength = polariscope.wavelength_nm
     if polariscope.lines is not None:
         places, power = np.array(polariscope.lines.wavelength_nm), np.array(polariscope.lines.power)
+    elif wavelength is None:
+        raise InputError("polariscope_wavelength_nm_missing_camera")
     elif polariscope.continuous:
-        assert polariscope.wavelength_nm is not None
         spectrum = polariscope.spectrum or WHITE
-        edges = _edges(spectrum, response, polariscope.wavelength_nm * highest_order)
+        edges = _edges(spectrum, response, wavelength * highest_order)
         half, middle = 0.5 * np.diff(edges), 0.5 * (edges[1:] + edges[:-1])
         places = (middle[:, None] + half[:, None] * _NODES).ravel()
         power = (half[:, None] * _WEIGHTS).ravel()
         power *= np.interp(places, spectrum.wavelength_nm, spectrum.power)
     else:
-        if polariscope.wavelength_nm is None:
-            raise InputError("polariscope_wavelength_nm_missing_camera")
-        places, power = np.array([polariscope.wavelength_nm]), np.ones(1)
+        places, power = np.array([wavelength]), np.ones(1)
     weights = response.at(places) * power
     total = weights.sum(axis=1, keepdims=True)
     for name, light in zip(response.names, total[:, 0], strict=True):
@@ -412,14 +408,9 @@ def highest_visible(order: Array, visibility: Array | float = 1.0) -> float:
 
 
 def spectral_signal(
-    order: Array,
-    light: Light,
-    chains: Sequence[Chain],
-    *,
-    reference_nm: float,
-    direction: Array | None = None,
-    visibility: Array | float = 1.0,
-) -> Array:
+    order: Array, light: Light, chains: Sequence[Chain], *, reference_nm: float,
+    direction: Array | None = None, visibility: Array | float = 1.0,
+) -> Array:  # fmt: skip
     """The light behind the analyser (rows, cols, channels), 1 for the channel's full light.
 
     I_c = Σ_s w_cs I(k_s N, θ, V^(k_s²)), k_s = reference/wavelength, as the order goes, and nearly
@@ -462,8 +453,7 @@ def spectral_signal(
 
 def _over(angles: Sequence[Array], amplitudes: Array) -> Array:
     """Sum of the angles' functions times their amplitudes (..., angles)."""
-    total = sum(angle * amplitudes[..., i] for i, angle in enumerate(angles))
-    return np.asarray(total)
+    return np.asarray(sum(angle * amplitudes[..., i] for i, angle in enumerate(angles)))
 
 
 def _harmonics(chains: Sequence[Chain]) -> tuple[Array, Array, Array]:

@@ -16,8 +16,9 @@
 | plate with a round hole, tension | `hole_stress` |
 
 Units N, mm, MPa; tension positive; x to the right, z downward (into the block from its surface,
-in a disc or ring and beside a hole from its centre). Fields come as `StressComponents`. Bad
-arguments raise `isochrome.errors.InputError`.
+in a disc or ring and beside a hole from its centre). Fields come as `StressComponents`. Loads,
+moduli, pressures and sizes are above zero, coordinates finite; for others, and for what a parameter
+says is not allowed, `isochrome.errors.InputError` names the argument.
 """
 
 import lazy_loader

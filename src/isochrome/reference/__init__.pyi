@@ -14,11 +14,9 @@ from .line_contact import (
     hertz_peak_pressure,
     hertz_pressure,
     hertz_stress,
-    sliding_hertz_stress,
-)
-from .punch import (
     punch_pressure,
     punch_stress,
+    sliding_hertz_stress,
     wavy_full_contact_pressure,
     wavy_half_width,
     wavy_pressure,

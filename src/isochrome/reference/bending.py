@@ -23,20 +23,13 @@ def beam_moment(load_n: float, *, inner_span_mm: float, outer_span_mm: float) ->
     ----------
     load_n : float
         Total load P on both inner rollers, N.
-    inner_span_mm : float
-        Distance L_inner between the inner rollers, mm.
-    outer_span_mm : float
-        Distance L_outer between the outer rollers, mm.
+    inner_span_mm, outer_span_mm : float
+        Distances L_inner and L_outer of the inner and the outer rollers, mm; the latter is longer.
 
     Returns
     -------
     float
         The moment M, N mm.
-
-    Raises
-    ------
-    InputError
-        Unless P and the spans are above zero and the outer span is the longer one.
     """
     check_positive(load_n=load_n, inner_span_mm=inner_span_mm, outer_span_mm=outer_span_mm)
     if not outer_span_mm > inner_span_mm:
@@ -70,28 +63,18 @@ def beam_stress(
         Distance eta from the neutral axis, downward, mm.
     load_n : float
         Total load P on both inner rollers, N.
-    inner_span_mm : float
-        Distance L_inner between the inner rollers, mm.
-    outer_span_mm : float
-        Distance L_outer between the outer rollers, mm.
-    height_mm : float
-        Height h of the beam, mm.
-    thickness_mm : float
-        Thickness d of the beam, mm.
+    inner_span_mm, outer_span_mm : float
+        Distances L_inner and L_outer of the inner and the outer rollers, mm; the latter is longer.
+    height_mm, thickness_mm : float
+        Height h and thickness d of the beam, mm.
 
     Returns
     -------
     ndarray, shape of eta_mm
         The stress, MPa; NaN beyond the edges.
-
-    Raises
-    ------
-    InputError
-        For h or d not above zero, for eta that is not finite, and where `beam_moment` raises it.
     """
     check_positive(height_mm=height_mm, thickness_mm=thickness_mm)
     moment = beam_moment(load_n, inner_span_mm=inner_span_mm, outer_span_mm=outer_span_mm)
     eta = coordinates("eta_mm", eta_mm)
     stress = moment * eta / (thickness_mm * height_mm**3 / 12.0)
-    inside = np.abs(eta) <= 0.5 * height_mm * (1.0 + SLACK)
-    return np.asarray(np.where(inside, stress, np.nan))
+    return np.where(np.abs(eta) <= 0.5 * height_mm * (1.0 + SLACK), stress, np.nan)

@@ -101,8 +101,7 @@ def half_plane_points(x_mm: ArrayLike, z_mm: ArrayLike) -> tuple[Floats, Floats]
     """Points in the block, broadcast; refuses points above its surface."""
     x, z = plane_points(x_mm, z_mm)
     if np.any(z < 0.0):
-        lowest = float(z.min())
-        raise InputError("z_mm_goes_down_but", lowest=lowest)
+        raise InputError("z_mm_goes_down_but", lowest=float(z.min()))
     return x, z + 0.0  # -0.0 would land on the other side of the branch cut
 
 

@@ -1,10 +1,11 @@
-"""Line contacts in closed form: Hertz's with McEwen's stress field, and sliding ones.
+"""Line contacts in closed form: Hertz's with McEwen's stress field, sliding ones, and others.
 
 Axes: x along the surface to the right, z into the block, origin at the contact's centre, of a
-coupled one on the cylinder's axis; q = mu p acts on the block along +x (a negative coefficient of
-friction: along -x). Plane strain, N, mm, MPa; a line load is per thickness, N/mm. Without coupling
-(like materials, or beta taken as zero) the pressure of a sliding contact is Hertz's; with it the
-pressure leans and the contact moves.
+coupled one on the cylinder's axis, at a wedge's tip, or on a crest of a wave; q = mu p acts on the
+block along +x (a negative coefficient of friction: along -x). Plane strain, N, mm, MPa; a line load
+is per thickness, N/mm. Without coupling (like materials, or beta taken as zero) the pressure of a
+sliding contact is Hertz's; with it the pressure leans and the contact moves. Punch, wedge and
+Westergaard's wavy surface are frictionless.
 """
 
 from dataclasses import dataclass
@@ -22,6 +23,7 @@ from isochrome.reference.cauchy import (
     check_positive,
     complex_points,
     coordinates,
+    edge_root,
     half_plane_points,
     mcewen_terms,
     stress_from_transforms,
@@ -55,24 +57,15 @@ def contact_modulus(
 
     Parameters
     ----------
-    young_mpa : float
-        Young's modulus E1 of the block, MPa.
-    poisson : float
-        Poisson's ratio nu1 of the block.
-    other_young_mpa : float
-        Young's modulus E2 of the indenter, MPa; ``inf`` for a rigid body.
-    other_poisson : float
-        Poisson's ratio nu2 of the indenter.
+    young_mpa, poisson : float
+        Young's modulus E1, MPa, and Poisson's ratio nu1 of the block, above -1 and up to 0.5.
+    other_young_mpa, other_poisson : float
+        Those of the indenter, E2 and nu2; a modulus of ``inf`` for a rigid body.
 
     Returns
     -------
     float
         The modulus E*, MPa.
-
-    Raises
-    ------
-    InputError
-        For a modulus not above zero, or a Poisson's ratio outside (-1, 0.5].
     """
     _check_pair(young_mpa, poisson, other_young_mpa, other_poisson)
     return 1.0 / ((1.0 - poisson**2) / young_mpa + (1.0 - other_poisson**2) / other_young_mpa)
@@ -90,25 +83,16 @@ def coupling_modulus_inverse(
 
     Parameters
     ----------
-    young_mpa : float
-        Young's modulus E1 of the block, MPa.
-    poisson : float
-        Poisson's ratio nu1 of the block.
-    other_young_mpa : float
-        Young's modulus E2 of the indenter, MPa; ``inf`` for a rigid body.
-    other_poisson : float
-        Poisson's ratio nu2 of the indenter.
+    young_mpa, poisson : float
+        Young's modulus E1, MPa, and Poisson's ratio nu1 of the block, above -1 and up to 0.5.
+    other_young_mpa, other_poisson : float
+        Those of the indenter, E2 and nu2; a modulus of ``inf`` for a rigid body.
 
     Returns
     -------
     float
         The inverse, 1/MPa. Zero for a pair of like materials, negative when the indenter is the
         more compliant one.
-
-    Raises
-    ------
-    InputError
-        For a modulus not above zero, or a Poisson's ratio outside (-1, 0.5].
     """
     _check_pair(young_mpa, poisson, other_young_mpa, other_poisson)
     block = (1.0 - 2.0 * poisson) * 2.0 * (1.0 + poisson) / young_mpa
@@ -127,24 +111,15 @@ def dundurs_beta(
 
     Parameters
     ----------
-    young_mpa : float
-        Young's modulus E1 of the block, MPa.
-    poisson : float
-        Poisson's ratio nu1 of the block.
-    other_young_mpa : float
-        Young's modulus E2 of the indenter, MPa; ``inf`` for a rigid body.
-    other_poisson : float
-        Poisson's ratio nu2 of the indenter.
+    young_mpa, poisson : float
+        Young's modulus E1, MPa, and Poisson's ratio nu1 of the block, above -1 and up to 0.5.
+    other_young_mpa, other_poisson : float
+        Those of the indenter, E2 and nu2; a modulus of ``inf`` for a rigid body.
 
     Returns
     -------
     float
         The constant, -0.5 to 0.5, without unit.
-
-    Raises
-    ------
-    InputError
-        For a modulus not above zero, or a Poisson's ratio outside (-1, 0.5].
     """
     pair = (young_mpa, poisson, other_young_mpa, other_poisson)
     return 0.25 * contact_modulus(*pair) * coupling_modulus_inverse(*pair)
@@ -162,27 +137,20 @@ def hertz_half_width(
     Parameters
     ----------
     line_load_n_per_mm : float
-        Load per thickness P', N/mm, above zero.
-    radius_mm : float
-        Radius R of the cylinder, mm; that of the relative curvature where both bodies are curved.
-    contact_modulus_mpa : float
-        Contact modulus E*, MPa, above zero.
+        Load per thickness P', N/mm.
+    radius_mm, contact_modulus_mpa : float
+        Radius R of the cylinder, mm, that of the relative curvature where both bodies are curved,
+        and contact modulus E*, MPa.
 
     Returns
     -------
     float
         The half-width, mm.
-
-    Raises
-    ------
-    InputError
-        Unless all are above zero.
     """
     check_positive(
-        line_load_n_per_mm=line_load_n_per_mm,
-        radius_mm=radius_mm,
+        line_load_n_per_mm=line_load_n_per_mm, radius_mm=radius_mm,
         contact_modulus_mpa=contact_modulus_mpa,
-    )
+    )  # fmt: skip
     return float(np.sqrt(4.0 * line_load_n_per_mm * radius_mm / (np.pi * contact_modulus_mpa)))
 
 
@@ -198,21 +166,15 @@ def hertz_peak_pressure(
     Parameters
     ----------
     line_load_n_per_mm : float
-        Load per thickness P', N/mm, above zero.
-    radius_mm : float
-        Radius R of the cylinder, mm; that of the relative curvature where both bodies are curved.
-    contact_modulus_mpa : float
-        Contact modulus E*, MPa, above zero.
+        Load per thickness P', N/mm.
+    radius_mm, contact_modulus_mpa : float
+        Radius R of the cylinder, mm, that of the relative curvature where both bodies are curved,
+        and contact modulus E*, MPa.
 
     Returns
     -------
     float
         The pressure, MPa.
-
-    Raises
-    ------
-    InputError
-        Unless all are above zero.
     """
     half_width = hertz_half_width(line_load_n_per_mm, radius_mm, contact_modulus_mpa)
     return 2.0 * line_load_n_per_mm / (np.pi * half_width)
@@ -229,20 +191,13 @@ def hertz_pressure(x_mm: ArrayLike, *, half_width_mm: float, peak_pressure_mpa: 
     ----------
     x_mm : array_like, any shape
         Place from the contact's centre, mm.
-    half_width_mm : float
-        Half-width a of the contact, mm.
-    peak_pressure_mpa : float
-        Largest pressure p0, MPa.
+    half_width_mm, peak_pressure_mpa : float
+        Half-width a of the contact, mm, and largest pressure p0, MPa.
 
     Returns
     -------
     ndarray, shape of x_mm
         The pressure, MPa, zero outside the contact.
-
-    Raises
-    ------
-    InputError
-        Unless a and p0 are above zero and x is finite.
     """
     check_positive(half_width_mm=half_width_mm, peak_pressure_mpa=peak_pressure_mpa)
     ratio = np.abs(coordinates("x_mm", x_mm) / half_width_mm)
@@ -264,24 +219,15 @@ def hertz_stress(
 
     Parameters
     ----------
-    x_mm : array_like, of a shape that broadcasts
-        Place from the contact's centre, mm.
-    z_mm : array_like, of a shape that broadcasts
-        Depth below the surface, mm, not negative.
-    half_width_mm : float
-        Half-width a of the contact, mm.
-    peak_pressure_mpa : float
-        Largest pressure p0, MPa.
+    x_mm, z_mm : array_like, of shapes that broadcast
+        Place from the contact's centre and depth below the surface, not negative, mm.
+    half_width_mm, peak_pressure_mpa : float
+        Half-width a of the contact, mm, and largest pressure p0, MPa.
 
     Returns
     -------
     StressComponents
         The stress in the broadcast shape, MPa.
-
-    Raises
-    ------
-    InputError
-        For z below zero, coordinates that are not finite, or a or p0 not above zero.
     """
     x, z = half_plane_points(x_mm, z_mm)
     check_positive(half_width_mm=half_width_mm, peak_pressure_mpa=peak_pressure_mpa)
@@ -309,20 +255,13 @@ def hertz_largest_difference(
 
     Parameters
     ----------
-    half_width_mm : float
-        Half-width a of the contact, mm.
-    peak_pressure_mpa : float
-        Largest pressure p0, MPa.
+    half_width_mm, peak_pressure_mpa : float
+        Half-width a of the contact, mm, and largest pressure p0, MPa.
 
     Returns
     -------
     LargestDifference
         The difference, MPa, and its depth, mm.
-
-    Raises
-    ------
-    InputError
-        Unless a and p0 are above zero.
     """
     check_positive(half_width_mm=half_width_mm, peak_pressure_mpa=peak_pressure_mpa)
     return LargestDifference(
@@ -396,14 +335,10 @@ def sliding_hertz_stress(
 
     Parameters
     ----------
-    x_mm : array_like, of a shape that broadcasts
-        Place from the contact's centre, mm.
-    z_mm : array_like, of a shape that broadcasts
-        Depth below the surface, mm, not negative.
-    half_width_mm : float
-        Half-width a of the contact, mm.
-    peak_pressure_mpa : float
-        Largest pressure p0, MPa.
+    x_mm, z_mm : array_like, of shapes that broadcast
+        Place from the contact's centre and depth below the surface, not negative, mm.
+    half_width_mm, peak_pressure_mpa : float
+        Half-width a of the contact, mm, and largest pressure p0, MPa.
     friction : float
         Friction coefficient mu.
 
@@ -411,11 +346,6 @@ def sliding_hertz_stress(
     -------
     StressComponents
         The stress in the broadcast shape, MPa.
-
-    Raises
-    ------
-    InputError
-        For z below zero, a or p0 not above zero, or anything that is not finite.
     """
     check_finite(friction=friction)
     normal = hertz_stress(
@@ -452,31 +382,23 @@ def coupled_contact(
     Parameters
     ----------
     line_load_n_per_mm : float
-        Load per thickness P', N/mm, above zero.
-    radius_mm : float
-        Radius R of the cylinder, mm, above zero.
-    contact_modulus_mpa : float
-        Contact modulus E*, MPa, above zero.
+        Load per thickness P', N/mm.
+    radius_mm, contact_modulus_mpa : float
+        Radius R of the cylinder, mm, and contact modulus E*, MPa.
     friction : float
         Friction coefficient mu; negative: traction along -x.
     beta : float
-        Dundurs' second constant, see `dundurs_beta`.
+        Dundurs' second constant, see `dundurs_beta`, -0.5 to 0.5.
 
     Returns
     -------
     CoupledContact
         The contact.
-
-    Raises
-    ------
-    InputError
-        For P', R or E* not above zero, beta outside -0.5 to 0.5, or anything that is not finite.
     """
     check_positive(
-        line_load_n_per_mm=line_load_n_per_mm,
-        radius_mm=radius_mm,
+        line_load_n_per_mm=line_load_n_per_mm, radius_mm=radius_mm,
         contact_modulus_mpa=contact_modulus_mpa,
-    )
+    )  # fmt: skip
     check_finite(friction=friction)
     if not abs(beta) <= 0.5:
         raise InputError("beta_but_dundurs_constant", beta=beta)
@@ -509,11 +431,6 @@ def coupled_pressure(x_mm: ArrayLike, contact: CoupledContact) -> Floats:
     -------
     ndarray, shape of x_mm
         The pressure, MPa, zero outside the contact.
-
-    Raises
-    ------
-    InputError
-        For x that is not finite.
     """
     ratio = (coordinates("x_mm", x_mm) - contact.centre_mm) / contact.half_width_mm
     behind, ahead = np.clip(1.0 + ratio, 0.0, None), np.clip(1.0 - ratio, 0.0, None)
@@ -532,10 +449,8 @@ def coupled_stress(x_mm: ArrayLike, z_mm: ArrayLike, contact: CoupledContact) ->
 
     Parameters
     ----------
-    x_mm : array_like, of a shape that broadcasts
-        Place from the cylinder's axis, mm.
-    z_mm : array_like, of a shape that broadcasts
-        Depth below the surface, mm, not negative.
+    x_mm, z_mm : array_like, of shapes that broadcast
+        Place from the cylinder's axis and depth below the surface, not negative, mm.
     contact : CoupledContact
         The contact, from `coupled_contact`.
 
@@ -543,11 +458,6 @@ def coupled_stress(x_mm: ArrayLike, z_mm: ArrayLike, contact: CoupledContact) ->
     -------
     StressComponents
         The stress in the broadcast shape, MPa.
-
-    Raises
-    ------
-    InputError
-        For z below zero, or coordinates that are not finite.
     """
     x, z = half_plane_points(x_mm, z_mm)
     a = contact.half_width_mm
@@ -577,3 +487,230 @@ def _jacobi_transform(points: Complexes, e: float) -> tuple[Complexes, Complexes
     value[far] = -np.polynomial.polynomial.polyval(u, series) / u
     slope[far] = np.polynomial.polynomial.polyval(u, series * (np.arange(series.size) - 1.0))
     return value, slope
+
+
+def punch_pressure(x_mm: ArrayLike, *, half_width_mm: float, line_load_n_per_mm: float) -> Floats:
+    """Pressure under a rigid flat punch at x.
+
+    p = P' / (π sqrt(a² - x²)) for |x| < a, zero outside
+
+    Source: Johnson (1985), Contact Mechanics, section 2.8.
+
+    Parameters
+    ----------
+    x_mm : array_like, any shape
+        Place from the punch's middle, mm.
+    half_width_mm, line_load_n_per_mm : float
+        Half-width a of the contact, mm, and load per thickness P', N/mm.
+
+    Returns
+    -------
+    ndarray, shape of x_mm
+        The pressure, MPa, inf at the two corners.
+    """
+    check_positive(half_width_mm=half_width_mm, line_load_n_per_mm=line_load_n_per_mm)
+    ratio = np.abs(coordinates("x_mm", x_mm) / half_width_mm)
+    with np.errstate(divide="ignore"):
+        inverse_root = 1.0 / np.sqrt(np.clip(1.0 - ratio, 0.0, None) * (1.0 + ratio))
+    mean_scale = line_load_n_per_mm / (np.pi * half_width_mm)
+    return np.asarray(np.where(ratio <= 1.0, mean_scale * inverse_root, 0.0))
+
+
+def punch_stress(
+    x_mm: ArrayLike, z_mm: ArrayLike, *, half_width_mm: float, line_load_n_per_mm: float
+) -> StressComponents:
+    """Stress under a rigid flat frictionless punch.
+
+    (sx - sz) + 2i txz and sx + sz follow from F(s) = ∫ p(t)/(s - t) dt = P' / sqrt(s² - a²),
+    F' = -P' s / (s² - a²)^(3/2), s = x + iz
+
+    Source: Johnson (1985), sections 2.4 and 2.8.
+
+    Parameters
+    ----------
+    x_mm, z_mm : array_like, of shapes that broadcast
+        Place from the punch's middle and depth below the surface, not negative, mm.
+    half_width_mm, line_load_n_per_mm : float
+        Half-width a of the contact, mm, and load per thickness P', N/mm.
+
+    Returns
+    -------
+    StressComponents
+        The stress in the broadcast shape, MPa; NaN at the two corners, x = ±a, z = 0.
+    """
+    x, z = half_plane_points(x_mm, z_mm)
+    check_positive(half_width_mm=half_width_mm, line_load_n_per_mm=line_load_n_per_mm)
+    points = complex_points(x, z)
+    root = edge_root(points, half_width_mm)
+    corner = root == 0.0
+    root = np.where(corner, 1.0, root)
+    transform = np.where(corner, complex(np.nan, np.nan), line_load_n_per_mm / root)
+    return stress_from_transforms(transform, -transform * ((points / root) * (z / root)))
+
+
+def wedge_half_width(
+    line_load_n_per_mm: float, *, slope: float, contact_modulus_mpa: float
+) -> float:
+    """Half-width a of the contact of a blunt symmetric wedge.
+
+    a = P' / (E* m)
+
+    Source: Johnson (1985), Contact Mechanics, section 5.2.
+
+    Parameters
+    ----------
+    line_load_n_per_mm : float
+        Load per thickness P', N/mm.
+    slope, contact_modulus_mpa : float
+        Rise m of either face over its run, small: a blunt wedge; contact modulus E*, MPa.
+
+    Returns
+    -------
+    float
+        The half-width, mm.
+    """
+    check_positive(
+        line_load_n_per_mm=line_load_n_per_mm, slope=slope, contact_modulus_mpa=contact_modulus_mpa
+    )
+    return line_load_n_per_mm / (contact_modulus_mpa * slope)
+
+
+def wedge_pressure(
+    x_mm: ArrayLike, *, half_width_mm: float, slope: float, contact_modulus_mpa: float
+) -> Floats:
+    """Pressure under a blunt symmetric wedge at x.
+
+    p = (E* m / π) arcosh(a / |x|) for |x| < a, zero outside
+
+    Source: Johnson (1985), Contact Mechanics, section 5.2.
+
+    Parameters
+    ----------
+    x_mm : array_like, any shape
+        Place from the tip, mm.
+    half_width_mm : float
+        Half-width a of the contact, mm.
+    slope, contact_modulus_mpa : float
+        Rise m of either face over its run, small: a blunt wedge; contact modulus E*, MPa.
+
+    Returns
+    -------
+    ndarray, shape of x_mm
+        The pressure, MPa, inf at the tip.
+    """
+    check_positive(
+        half_width_mm=half_width_mm, slope=slope, contact_modulus_mpa=contact_modulus_mpa
+    )
+    ratio = np.minimum(np.abs(coordinates("x_mm", x_mm) / half_width_mm), 1.0)
+    root = np.sqrt((1.0 - ratio) * (1.0 + ratio))
+    with np.errstate(divide="ignore"):  # arcosh(1/r), with its digits kept at the edge
+        shape = np.log1p(root) - np.log(ratio)
+    return np.asarray(contact_modulus_mpa * slope / np.pi * shape)
+
+
+def wavy_full_contact_pressure(
+    *, amplitude_mm: float, wavelength_mm: float, contact_modulus_mpa: float
+) -> float:
+    """Mean pressure p* that just closes the gap under a wavy surface.
+
+    p* = π E* Δ / λ
+
+    Source: Westergaard (1939), Journal of Applied Mechanics 6; Johnson (1985), Contact Mechanics,
+    section 13.2.
+
+    Parameters
+    ----------
+    amplitude_mm, wavelength_mm : float
+        Amplitude Δ of the wave Δ cos(2 π x/λ), half its height, and wavelength λ, mm.
+    contact_modulus_mpa : float
+        Contact modulus E*, MPa.
+
+    Returns
+    -------
+    float
+        The pressure p*, MPa.
+    """
+    check_positive(
+        amplitude_mm=amplitude_mm,
+        wavelength_mm=wavelength_mm,
+        contact_modulus_mpa=contact_modulus_mpa,
+    )
+    return float(np.pi * contact_modulus_mpa * amplitude_mm / wavelength_mm)
+
+
+def wavy_half_width(
+    mean_pressure_mpa: float,
+    *,
+    amplitude_mm: float,
+    wavelength_mm: float,
+    contact_modulus_mpa: float,
+) -> float:
+    """Half-width a of each strip of contact on a wavy surface.
+
+    sin²(π a/λ) = p_mean / p*
+
+    Source: as in `wavy_full_contact_pressure`.
+
+    Parameters
+    ----------
+    mean_pressure_mpa : float
+        Mean pressure p_mean over a wavelength, MPa.
+    amplitude_mm, wavelength_mm : float
+        Amplitude Δ of the wave Δ cos(2 π x/λ), half its height, and wavelength λ, mm.
+    contact_modulus_mpa : float
+        Contact modulus E*, MPa.
+
+    Returns
+    -------
+    float
+        The half-width, mm; λ/2 once contact is full.
+    """
+    check_positive(mean_pressure_mpa=mean_pressure_mpa)
+    full = wavy_full_contact_pressure(
+        amplitude_mm=amplitude_mm, wavelength_mm=wavelength_mm,
+        contact_modulus_mpa=contact_modulus_mpa,
+    )  # fmt: skip
+    return float(wavelength_mm / np.pi * np.arcsin(np.sqrt(min(mean_pressure_mpa / full, 1.0))))
+
+
+def wavy_pressure(
+    x_mm: ArrayLike,
+    *,
+    mean_pressure_mpa: float,
+    amplitude_mm: float,
+    wavelength_mm: float,
+    contact_modulus_mpa: float,
+) -> Floats:
+    """Pressure on a wavy surface at x.
+
+    p = 2 p* |cos ψ| sqrt(sin² ψ_a - sin² ψ), ψ = π x/λ, ψ_a = π a/λ, while p_mean < p*;
+    p = p_mean + p* cos 2ψ from there on
+
+    Source: as in `wavy_full_contact_pressure`.
+
+    Parameters
+    ----------
+    x_mm : array_like, any shape
+        Place from a crest, mm.
+    mean_pressure_mpa : float
+        Mean pressure p_mean over a wavelength, MPa.
+    amplitude_mm, wavelength_mm : float
+        Amplitude Δ of the wave Δ cos(2 π x/λ), half its height, and wavelength λ, mm.
+    contact_modulus_mpa : float
+        Contact modulus E*, MPa.
+
+    Returns
+    -------
+    ndarray, shape of x_mm
+        The pressure, MPa, zero where the gap is open.
+    """
+    check_positive(mean_pressure_mpa=mean_pressure_mpa)
+    full = wavy_full_contact_pressure(
+        amplitude_mm=amplitude_mm, wavelength_mm=wavelength_mm,
+        contact_modulus_mpa=contact_modulus_mpa,
+    )  # fmt: skip
+    psi = np.pi * coordinates("x_mm", x_mm) / wavelength_mm
+    if mean_pressure_mpa >= full:
+        return np.asarray(mean_pressure_mpa + full * np.cos(2.0 * psi))
+    under_root = np.clip(mean_pressure_mpa / full - np.square(np.sin(psi)), 0.0, None)
+    return np.asarray(2.0 * full * np.abs(np.cos(psi)) * np.sqrt(under_root))

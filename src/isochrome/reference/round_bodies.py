@@ -42,26 +42,15 @@ def disc_stress(
 
     Parameters
     ----------
-    x_mm : array_like, of a shape that broadcasts
-        Place to the right of the disc's centre, mm.
-    z_mm : array_like, of a shape that broadcasts
-        Place below the disc's centre, mm.
-    load_n : float
-        Load P, N.
-    diameter_mm : float
-        Diameter D = 2 R, mm.
-    thickness_mm : float
-        Thickness d, mm.
+    x_mm, z_mm : array_like, of shapes that broadcast
+        Place to the right of the disc's centre and below it, mm.
+    load_n, diameter_mm, thickness_mm : float
+        Load P, N, diameter D = 2 R and thickness d, mm.
 
     Returns
     -------
     StressComponents
         The stress in the broadcast shape, MPa; NaN outside and under the loads.
-
-    Raises
-    ------
-    InputError
-        For P, D or d not above zero, or coordinates that are not finite.
     """
     unit, inverse, rim_distance = _disc_terms(x_mm, z_mm, load_n, diameter_mm, thickness_mm)
     total = 2.0 * unit * (1.0 - 2.0 * inverse.real)
@@ -80,26 +69,15 @@ def disc_principal_difference(
 
     Parameters
     ----------
-    x_mm : array_like, of a shape that broadcasts
-        Place to the right of the disc's centre, mm.
-    z_mm : array_like, of a shape that broadcasts
-        Place below the disc's centre, mm.
-    load_n : float
-        Load P, N.
-    diameter_mm : float
-        Diameter D = 2 R, mm.
-    thickness_mm : float
-        Thickness d, mm.
+    x_mm, z_mm : array_like, of shapes that broadcast
+        Place to the right of the disc's centre and below it, mm.
+    load_n, diameter_mm, thickness_mm : float
+        Load P, N, diameter D = 2 R and thickness d, mm.
 
     Returns
     -------
     ndarray, in the broadcast shape
         The difference, MPa; NaN outside and under the loads.
-
-    Raises
-    ------
-    InputError
-        For P, D or d not above zero, or coordinates that are not finite.
     """
     unit, inverse, rim_distance = _disc_terms(x_mm, z_mm, load_n, diameter_mm, thickness_mm)
     return np.asarray(4.0 * unit * rim_distance * np.square(np.abs(inverse)))
@@ -114,22 +92,13 @@ def disc_centre_difference(*, load_n: float, diameter_mm: float, thickness_mm: f
 
     Parameters
     ----------
-    load_n : float
-        Load P, N.
-    diameter_mm : float
-        Diameter D = 2 R, mm.
-    thickness_mm : float
-        Thickness d, mm.
+    load_n, diameter_mm, thickness_mm : float
+        Load P, N, diameter D = 2 R and thickness d, mm.
 
     Returns
     -------
     float
         The difference, MPa.
-
-    Raises
-    ------
-    InputError
-        Unless all are above zero.
     """
     check_positive(load_n=load_n, diameter_mm=diameter_mm, thickness_mm=thickness_mm)
     return float(8.0 * load_n / (np.pi * diameter_mm * thickness_mm))
@@ -197,28 +166,16 @@ def ring_stress(
 
     Parameters
     ----------
-    x_mm : array_like, of a shape that broadcasts
-        Place to the right of the ring's centre, mm.
-    z_mm : array_like, of a shape that broadcasts
-        Place below the ring's centre, mm.
-    load_n : float
-        Load P, N.
-    diameter_mm : float
-        Outer diameter 2 R, mm.
-    hole_mm : float
-        Diameter of the hole 2 a, mm.
-    thickness_mm : float
-        Thickness d, mm.
+    x_mm, z_mm : array_like, of shapes that broadcast
+        Place to the right of the ring's centre and below it, mm.
+    load_n, diameter_mm, hole_mm, thickness_mm : float
+        Load P, N, outer diameter 2 R, that of the hole, 2 a, at most 0.98 of it, and thickness d,
+        mm.
 
     Returns
     -------
     StressComponents
         The stress in the broadcast shape, MPa; NaN outside and under the loads.
-
-    Raises
-    ------
-    InputError
-        For P, R, a or d not above zero, a above 0.98 R, or coordinates that are not finite.
     """
     check_positive(
         load_n=load_n, diameter_mm=diameter_mm, hole_mm=hole_mm, thickness_mm=thickness_mm
@@ -303,10 +260,8 @@ def hole_stress(
 
     Parameters
     ----------
-    x_mm : array_like, of a shape that broadcasts
-        Place to the right of the hole's centre, mm.
-    z_mm : array_like, of a shape that broadcasts
-        Place below the hole's centre, mm.
+    x_mm, z_mm : array_like, of shapes that broadcast
+        Place to the right of the hole's centre and below it, mm.
     tension_mpa : float
         Tension S far away, MPa; negative for a pressure.
     radius_mm : float
@@ -316,11 +271,6 @@ def hole_stress(
     -------
     StressComponents
         The stress in the broadcast shape, MPa; NaN in the hole.
-
-    Raises
-    ------
-    InputError
-        For a not above zero, or S or coordinates that are not finite.
     """
     check_positive(radius_mm=radius_mm)
     check_finite(tension_mpa=tension_mpa)

@@ -205,9 +205,8 @@ def bin_trace(trace: Trace) -> BinnedTrace:
     """Means over bins without spikes; points at unequal x carry no tilt into them."""
     x, z = trace.x_mm, trace.z_um
     slope = (z[-1] - z[0]) / (x[-1] - x[0])
-    line = slope * (x - x[0])
+    heights = z - slope * (x - x[0])
     # spikes lie off the running median of their neighbours
-    heights = z - line
     half = min(_HALF_WINDOW, (len(z) - 1) // 4)
     padded = np.pad(heights, half, mode="reflect", reflect_type="odd")
     windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1)
@@ -553,7 +552,12 @@ def _level(
     shared = float(to_area @ drawn @ to_area + weights @ (areas - weights @ areas) ** 2)
     of_level = to_area @ level
     by_level = of_level @ covariance @ of_level
-    ridges, ridge_uncertainty = _ridges(bins, place, level, roughness)
+    # areas above the level, left and right beside the scar
+    flank = _FLANK * place.half_mm
+    sides = (edges[0] - flank, edges[0]), (edges[1], edges[1] + flank)
+    beside = np.array([_parts(x, step, *side) for side in sides])
+    of_ridges = 1e-3 * step * (beside - beside @ level)
+    left_mm2, right_mm2 = (of_ridges @ z).tolist()
     to_depth = level - np.eye(len(x))
     return LevelledTrace(
         name=bins.name, x_mm=x, depth_um=to_depth @ z, level_um=level @ z, unworn=unworn,
@@ -563,21 +567,10 @@ def _level(
         degrees_of_freedom=freedom,
         levelling_uncertainty_mm2=float(np.sqrt(wider * (by_level + shared))),
         depth_covariance_um2=wider * (to_depth @ covariance @ to_depth.T + drawn),
-        roughness=roughness, deepest_um=place.depth_um, clear=place.clear, ridges_mm2=ridges,
-        ridge_uncertainty_mm2=ridge_uncertainty, spikes=bins.spikes,
+        roughness=roughness, deepest_um=place.depth_um, clear=place.clear,
+        ridges_mm2=(left_mm2, right_mm2), spikes=bins.spikes,
+        ridge_uncertainty_mm2=float(np.sqrt(max(roughness.variance(r)[0] for r in of_ridges))),
     )  # fmt: skip
-
-
-def _ridges(
-    bins: BinnedTrace, place: ScarShape, level: Array, roughness: Roughness
-) -> tuple[tuple[float, float], float]:
-    """Areas above the level, left and right beside the scar, and their uncertainty, mm²."""
-    (left_mm, right_mm), flank = place.edges_mm, _FLANK * place.half_mm
-    sides = (left_mm - flank, left_mm), (right_mm, right_mm + flank)
-    beside = np.array([_parts(bins.x_mm, bins.spacing_mm, *side) for side in sides])
-    rows = 1e-3 * bins.spacing_mm * (beside - beside @ level)
-    variance = max(roughness.variance(row)[0] for row in rows)
-    return (float(rows[0] @ bins.z_um), float(rows[1] @ bins.z_um)), float(np.sqrt(variance))
 
 
 def _parts(x: Array, step: float, low: float, high: float) -> Array:

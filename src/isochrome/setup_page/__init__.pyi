@@ -1,7 +1,6 @@
 from .edits import (
     apply_tool,
     find_in_frames,
-    on_line,
     page_words,
     pixel_scale,
     placed_at,
@@ -22,7 +21,6 @@ __all__ = [
     "calibration_answer",
     "find_in_frames",
     "fit_answer",
-    "on_line",
     "open_session",
     "order_map_of_points",
     "page_words",

@@ -84,85 +84,68 @@ def surface_roll(first: Point, second: Point) -> float:
     return math.degrees(math.atan2(-down, across)) + 0.0
 
 
-def on_line(first: Point, second: Point, col: float) -> float:
-    """The row at a column of the straight line through two points (row, col), px."""
-    share = (col - first[1]) / (second[1] - first[1])
-    return first[0] + share * (second[0] - first[0])
-
-
 def session_state(session: SetupSession) -> dict[str, Any]:
     """How a scene stands, as plain values; places are (row, col) of the whole picture."""
     scene = session.scene_or_none()
     reader, region = session.reader(scene), session.region(scene)
-    rows, cols = reader.shape
-    placed: dict[str, Any] = {
-        "polygon": [], "known_order": [], "known_line": [], "free_boundary": [],
-        "pixel_mm": None, "place": None, "surface": None,
+    of_scene: dict[str, Any] = {
+        "model": None, "values": {}, "polygon": [], "known_order": [], "known_line": [],
+        "free_boundary": [], "pixel_mm": None, "place": None, "surface": None,
     }  # fmt: skip
     if scene is not None:
         corner = region.top_px, region.left_px
-        placed["polygon"] = moved(scene.frames.polygon_px or (), *corner)
-        placed |= known_on_picture(scene, *corner)
+        of_scene |= {"model": scene.model, "values": plain_values(session.text)}
+        of_scene |= {"polygon": moved(scene.frames.polygon_px or (), *corner)}
+        of_scene |= known_on_picture(scene, *corner)
         with suppress(InputError):  # the scale is not known yet
             pixels = session.pixels(scene)
-            placed["pixel_mm"] = pixels.pixel_mm
+            of_scene["pixel_mm"] = pixels.pixel_mm
             if scene.has_model:
                 half = 0.5 * pixels.cols * pixels.pixel_mm
                 points = [seen_at(pixels, x, 0.0) for x in (0.0, -half, half)]
-                placed["place"], *placed["surface"] = moved(points, *corner)
+                of_scene["place"], *of_scene["surface"] = moved(points, *corner)
+    images = []
+    if isinstance(session, SetSession):
+        pairs = zip(session.image_names, session.loads(), strict=True)
+        images = [{"file": name, "load_n": load} for name, load in pairs]
     return {
-        "revision": session.revision,
-        "text": session.text,
-        "saved": session.is_saved,
-        "scene_file": session.scene_file.name,
-        "has_scene": scene is not None,
-        "model": scene.model if scene is not None else None,
+        "revision": session.revision, "text": session.text, "saved": session.is_saved,
+        "scene_file": session.scene_file.name, "has_scene": scene is not None,
         "frames": {
-            "count": session.count(scene), "rows": rows, "cols": cols,
+            "count": session.count(scene), "rows": reader.shape[0], "cols": reader.shape[1],
             "bit_depth": reader.bit_depth, "pixel_mm": reader.pixel_mm,
         },
-        "region": region.model_dump(),
-        "beside": session.beside(),
-        "values": plain_values(session.text) if scene is not None else {},
-        "subject": session.subject,
-        "images": [
-            {"file": name, "load_n": load}
-            for name, load in zip(session.image_names, session.loads(), strict=True)
-        ] if isinstance(session, SetSession) else [],
-    } | placed  # fmt: skip
+        "region": region.model_dump(), "beside": session.beside(), "subject": session.subject,
+        "images": images, **of_scene,
+    }  # fmt: skip
 
 
 def known_on_picture(scene: Scene, top_px: int, left_px: int) -> dict[str, list[dict[str, Any]]]:
     """Known points, known lines and free edges by their keys, (row, col) of the whole picture."""
     frames = scene.frames
-    return {
-        "known_order": [
-            {
-                "row": k.row_px + top_px, "col": k.col_px + left_px, "order": k.order,
-                "extremum": k.extremum,
-            }
-            for k in frames.known_order
-        ],
-        "known_line": [
-            {"points": moved(line.places, top_px, left_px), "order": line.order}
-            for line in frames.known_line
-        ],
-        "free_boundary": [
-            {"points": moved(one.places, top_px, left_px)} for one in frames.free_boundary
-        ],
-    }  # fmt: skip
+    points = [
+        {"row": k.row_px + top_px, "col": k.col_px + left_px, "order": k.order,
+         "extremum": k.extremum}
+        for k in frames.known_order
+    ]  # fmt: skip
+    lines = [
+        {"points": moved(line.places, top_px, left_px), "order": line.order}
+        for line in frames.known_line
+    ]
+    edges = [{"points": moved(one.places, top_px, left_px)} for one in frames.free_boundary]
+    return {"known_order": points, "known_line": lines, "free_boundary": edges}
 
 
 def plain_values(text: str) -> dict[str, Any]:
     """The values of a scene's text by dotted key, without what is not known of them."""
-    known = {field.key for field in FIELDS} | {"frames.no_load_dark", "frames.no_load_bright"}
-    known |= {"specimen.shape"}
-    return {
+    known = {field.key for field in FIELDS}
+    known |= {"frames.no_load_dark", "frames.no_load_bright", "specimen.shape"}
+    values = {
         f"{table}.{name}": value
         for table, entries in parse_toml(text, "scene").items()
         for name, value in (plain_table(entries).items() if isinstance(entries, dict) else ())
-        if f"{table}.{name}" in known
     }
+    return {key: value for key, value in values.items() if key in known}
 
 
 _OF_A_MODEL = ("indenter", "contact", "friction", "wear", "scar", "load", "frames.known_loads_n")
@@ -245,12 +228,11 @@ def _set_values(session: SetupSession, values: Mapping[str, Any]) -> None:
 
 
 def _make_new(session: SetupSession, request: Request) -> None:
-    """A scene from the form, in place of none."""
     text = new_scene_text(request["kind"], request["values"], likely_no_load(session.beside()))
     if isinstance(session, SetSession):
         if request["kind"] != session.subject:
             raise InputError("kind_set", kind=request["kind"], subject=session.subject)
-        text = with_loads(text, session.image_names, _loads_of(session, request))
+        text = _with_loads(session, request, text)
     session.change(lambda _: text)
 
 
@@ -273,14 +255,17 @@ def set_of(session: SetupSession) -> SetSession:
     return session
 
 
-def _loads_of(session: SetSession, request: Request) -> list[float | None]:
-    """A load for each image; None for one that is not of the set."""
+def _with_loads(session: SetSession, request: Request, text: str) -> str:
+    """A set's text with a load for each image; None for one that is not of the set."""
     given = [None if load is None else float(load) for load in request["loads"]]
-    if len(given) != len(session.image_names):
-        raise InputError(
-            "loads_there_images", given_count=len(given), image_names_count=len(session.image_names)
-        )
-    return given
+    count, images = len(given), len(session.image_names)
+    if count != images:
+        raise InputError("loads_there_images", given_count=count, image_names_count=images)
+    return with_loads(text, session.image_names, given)
+
+
+def _set_loads(session: SetupSession, request: Request) -> None:
+    session.change(partial(_with_loads, set_of(session), request))
 
 
 def _sized(session: SetupSession, request: Request, key: str) -> dict[str, Any]:
@@ -303,10 +288,8 @@ def _set_rollers(session: SetupSession, request: Request) -> None:
     first, last = max(0, math.ceil(left_px + away)), min(cols - 1, math.floor(right_px - away))
     if last - first < _FEWEST_COLS:
         raise InputError("between_two_rollers_half")
-    values["frames.roi"] = {
-        "top_px": 0, "left_px": first, "height_px": rows, "width_px": last - first + 1,
-    }  # fmt: skip
-    _set_values(session, values)
+    roi = {"top_px": 0, "left_px": first, "height_px": rows, "width_px": last - first + 1}
+    _set_values(session, values | {"frames.roi": roi})
 
 
 def _set_rim(session: SetupSession, request: Request) -> None:
@@ -314,11 +297,8 @@ def _set_rim(session: SetupSession, request: Request) -> None:
     set_of(session)
     circle = fit_circle(np.array(request["points"], dtype=float))
     half = _AROUND_RIM * circle.radius
-    box = {
-        "top_px": circle.row - half, "left_px": circle.col - half,
-        "height_px": 2.0 * half, "width_px": 2.0 * half,
-    }  # fmt: skip
-    _set_region(session, {"region": box})
+    place = {"top_px": circle.row - half, "left_px": circle.col - half}
+    _set_region(session, {"region": place | {"height_px": 2.0 * half, "width_px": 2.0 * half}})
 
 
 def placed_at(pixels: PixelGrid, point: Point) -> tuple[float, float]:
@@ -334,7 +314,6 @@ def values_of_place(pixels: PixelGrid, point: Point) -> dict[str, float]:
 
 
 def _set_contact(session: SetupSession, request: Request) -> None:
-    """The point of the picture where x = z = 0."""
     scene = session.scene()
     ((row, col),) = _in_region(session.region(scene), [request["point"]])
     _set_values(session, values_of_place(session.pixels(scene), (row, col)))
@@ -347,7 +326,8 @@ def _set_surface(session: SetupSession, request: Request) -> None:
     first, second = ((row, col) for row, col in _in_region(region, request["points"]))
     roll = round(surface_roll(first, second), 3)
     _, col = seen_at(session.pixels(scene), 0.0, 0.0)
-    place = (on_line(first, second, col), col)
+    share = (col - first[1]) / (second[1] - first[1])
+    place = first[0] + share * (second[0] - first[0]), col
 
     def edit(text: str) -> str:
         text = set_values(text, {ROLL: roll or None})
@@ -358,15 +338,13 @@ def _set_surface(session: SetupSession, request: Request) -> None:
 
 def _set_region(session: SetupSession, request: Request) -> None:
     """The region of interest; all that is counted in it stays where it is in the picture."""
-    scene = session.scene()
-    rows, cols = session.reader(scene).shape
-    old = session.region(scene)
-    box = request.get("region")
+    scene, box = session.scene(), request.get("region")
+    old, (rows, cols) = session.region(scene), session.reader(scene).shape
     new = {"top_px": 0, "left_px": 0, "height_px": rows, "width_px": cols}
     if box is not None:
-        for edge, side, most in (("top_px", "height_px", rows), ("left_px", "width_px", cols)):
+        for edge, side in (("top_px", "height_px"), ("left_px", "width_px")):
             new[edge] = max(0, round(box[edge]))
-            new[side] = min(most - new[edge], round(box[side]))
+            new[side] = min(new[side] - new[edge], round(box[side]))
     down, right = old.top_px - new["top_px"], old.left_px - new["left_px"]
     values: dict[str, Any] = {"frames.roi": new if box is not None else None}
     camera, place = scene.camera, None
@@ -392,8 +370,12 @@ def _set_region(session: SetupSession, request: Request) -> None:
 
 
 def _in_region(region: Roi, points: Sequence[Sequence[float]]) -> list[list[float]]:
-    """Points (row, col) of the picture, counted in the region."""
     return moved(points, -region.top_px, -region.left_px)
+
+
+def _set_polygon(session: SetupSession, request: Request) -> None:
+    points = _in_region(session.region(session.scene()), request["points"])
+    _set_values(session, {"frames.polygon_px": points or None})
 
 
 def _set_known(session: SetupSession, request: Request, key: str) -> None:
@@ -427,11 +409,7 @@ TOOLS: Mapping[str, Callable[[SetupSession, Request], None]] = {
     "new": _make_new,
     "values": lambda session, request: _set_values(session, request["values"]),
     "text": lambda session, request: session.change(lambda _: str(request["text"])),
-    "loads": lambda session, request: session.change(
-        lambda text: with_loads(
-            text, set_of(session).image_names, _loads_of(set_of(session), request)
-        )
-    ),
+    "loads": _set_loads,
     # a point on each edge of a beam, one above the other: its height gives the scale
     "edges": lambda session, request: _set_values(
         session, _sized(set_of(session), request, "beam.height_mm")
@@ -442,13 +420,7 @@ TOOLS: Mapping[str, Callable[[SetupSession, Request], None]] = {
     "contact": _set_contact,
     "surface": _set_surface,
     "region": _set_region,
-    "polygon": lambda session, request: _set_values(
-        session,
-        {
-            "frames.polygon_px": _in_region(session.region(session.scene()), request["points"])
-            or None
-        },
-    ),
+    "polygon": _set_polygon,
     **{key: partial(_set_known, key=key) for key in ("known_order", "known_line", "free_boundary")},
     "undo": lambda session, _: session.undo(),
     "save": lambda session, _: session.save(),
@@ -510,17 +482,17 @@ def find_in_frames(
     started = session.text
     text, guessed = _start_text(session, form)
     scene = session.scene(text)
-    count = session.count_with(index, scene)
+    session.frame(index, scene)  # whether it is there
     still = scene.friction is not None and scene.friction.static_state_first
-    known = _known(scene, 1 if still and index == 0 and count > 1 else index, held=held)
+    still &= index == 0 and session.count(scene) > 1
+    known = _known(scene, 1 if still else index, held=held)
     try:
         draft = draft_scene(session.frames, known, session.left_out(scene))
     except IsochromeError as error:
         raise type(error)(page_words(str(error))) from error
     values, notes = _values(draft, scene, guessed=guessed)
     stated, turn = scene.frames, draft.scene.frames.rotate_deg
-    on_it = stated.roi or stated.polygon_px or stated.orders_known
-    if on_it and stated.rotate_deg != turn:
+    if (stated.roi or stated.polygon_px or stated.orders_known) and stated.rotate_deg != turn:
         raise InputError("frame_explains_itself_turned", name=scene.name, turn=turn)
     row, col = seen_at(pixel_grid(draft.scene), 0.0, 0.0)
 

@@ -13,8 +13,8 @@ import json
 import secrets
 import threading
 import time
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext, suppress
+from collections.abc import Callable, Collection, Mapping, Sequence
+from contextlib import nullcontext, suppress
 from dataclasses import asdict
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -58,6 +58,7 @@ from isochrome.setup_page.session import (
     SetupSession,
     calibration_answer,
     round_by_spread,
+    shown_frame,
 )
 
 _ORDER_STEP = 0.02
@@ -75,20 +76,17 @@ def fit_answer(session: SetupSession, index: int) -> dict[str, Any]:
             "so_there_nothing_fit", name=scene.name, no_model_reason=scene.no_model_reason
         )
     result = process_frame(session.frames, scene, index)
-    rows: list[dict[str, Any]] = []
-    for one in result.values:
-        value = round_by_spread(one.value, one.standard_uncertainty)
-        text = with_uncertainty(one.value, one.standard_uncertainty)
-        line = f"{one.key.partition('.')[2]} = {toml_text(value)}"
-        row = {"key": one.key, "value": value, "text": text, "line": line}
-        rows.append(row | {"asked": one.asked, "refined": one.refined})
+    rows: list[tuple[Any, ...]] = []
     pixel = result.frame.pixel_mm
     stated = scene.camera is not None and scene.camera.pixel_mm is not None
-    if rows and not stated and pixel is not None and scene.rim_diameter_mm is not None:
+    if result.values and not stated and pixel is not None and scene.rim_diameter_mm is not None:
         value = float(f"{pixel:.6g}")
-        row = {"key": "camera.pixel_mm", "value": value, "text": f"{value:.6g} (by the rim)"}
-        row |= {"line": f"pixel_mm = {toml_text(value)}", "asked": False, "refined": False}
-        rows = [row, *rows]
+        rows.append(("camera.pixel_mm", value, f"{value:.6g} (by the rim)", False, False))
+    for one in result.values:
+        pair = one.value, one.standard_uncertainty
+        texts = round_by_spread(*pair), with_uncertainty(*pair)
+        rows.append((one.key, *texts, one.asked, one.refined))
+    names = "key", "value", "text", "asked", "refined"
     return {
         "frame": index,
         "revision": session.revision,
@@ -97,7 +95,11 @@ def fit_answer(session: SetupSession, index: int) -> dict[str, Any]:
         "wrong": result.frame.fit is not None and result.frame.chi > CLEAR_CHI,
         "summary_text": result.summary_text,
         "kept_share": result.row.get("kept_share"),
-        "values": rows,
+        "values": [
+            dict(zip(names, row, strict=True))
+            | {"line": f"{row[0].partition('.')[2]} = {toml_text(row[1])}"}
+            for row in rows
+        ],
         "warnings": list(result.frame.warnings),
     }
 
@@ -108,10 +110,9 @@ def check_answer(session: SetupSession, *, fringes: bool) -> dict[str, Any]:
     try:
         session.check_complete()
     except InputError as error:  # a set of which something is still open
-        finding = {"level": "error", "frame": None, "text": str(error)}
-        return {
-            "ok": False, "frames": 0, "findings": [finding], "revision": revision, "whole": True,
-        }  # fmt: skip
+        findings = [{"level": "error", "frame": None, "text": str(error)}]
+        open_set = {"ok": False, "frames": 0, "findings": findings}
+        return open_set | {"revision": revision, "whole": True}
     found = check(session.frames, scene) if fringes else look_through(session.frames, scene)
     whole = fringes or not (found.ok and scene.has_model)
     answer = found.to_json() | {"revision": revision, "whole": whole}
@@ -148,8 +149,7 @@ class ClickPreview:
     """What a known point or line would do to a map; the frame last asked of stays followed."""
 
     def __init__(self, session: SetupSession) -> None:
-        self._session = session
-        self._lock = threading.Lock()
+        self._session, self._lock = session, threading.Lock()
         self._key: tuple[Any, ...] | None = None
         self._preview: AnchorPreview | None = None
         self._before: tuple[Any, PatchOrders] | None = None
@@ -162,39 +162,32 @@ class ClickPreview:
         """
         session, revision = self._session, self._session.revision
         region = session.region(session.scene_or_none())
-        corner = region.top_px, region.left_px
-        tables: dict[str, list[dict[str, Any]]] = {}
-        at, on_line = request.get("at"), request.get("on_line") is True
+        down, right = -region.top_px, -region.left_px
+        at, tables = request.get("at"), {}
         with edits.refused_as_asked("preview"):
             if at is not None:
                 row, col = (float(place) for place in at)
-                at = row - corner[0], col - corner[1]
+                at = row + down, col + right
                 for key, asked in (("known_order", "points"), ("known_line", "lines")):
-                    tables[key] = edits.known_tables(key, request[asked], -corner[0], -corner[1])
+                    tables[key] = edits.known_tables(key, request[asked], down, right)
         try:
             with self._lock:
-                answer = self._found(index, at, tables, on_line)
+                answer = self._found(index, at, tables, request.get("on_line") is True)
         except IsochromeError as error:  # what a click, or the map, would say as well
             answer = _nothing(str(error))
         return answer | {"revision": revision}
 
     def _found(
-        self,
-        index: int,
-        at: tuple[float, float] | None,
-        tables: Mapping[str, list[dict[str, Any]]],
-        on_line: bool,
+        self, index: int, at: edits.Point | None, tables: dict[str, list[Any]], on_line: bool
     ) -> dict[str, Any]:
-        """The answer without the revision."""
         session, text = self._session, self._session.text
         now = edits.without_model(session.scene(text), text)
         preview = self._followed(now, index)
         if at is None:
             return {"kind": "ready", "words": preview.refusal}
-        (row, col), region = at, session.region(now)
-        what = "this line" if on_line else "this point"
-        rows, cols = region.height_px, region.width_px
-        if not (-0.5 <= row < rows - 0.5 and -0.5 <= col < cols - 0.5):
+        region, what = session.region(now), "this line" if on_line else "this point"
+        size = region.height_px, region.width_px
+        if not all(-0.5 <= place < most - 0.5 for place, most in zip(at, size, strict=True)):
             return _nothing(message("outside_region_would_anchor", what=what))
         for name, known in tables.items():
             text = with_table_list(text, f"frames.{name}", known)
@@ -202,17 +195,16 @@ class ClickPreview:
         key = (self._key, now.frames.model_dump_json())
         if self._before is None or self._before[0] != key:  # read once a scene
             self._before = key, preview.orders(now)
-        part = preview.part_at(row, col, on_line=on_line)
+        part = preview.part_at(*at, on_line=on_line)
         if not part.any():
             return _nothing(message("no_fringe_could_followed_here", what=what))
         before, after = self._before[1], preview.orders(then)
-        extent = "frame" if now.frames.roi is None else "region"
-        share = float(part.mean())
+        extent, share = "frame" if now.frames.roi is None else "region", float(part.mean())
         under = message("part_under", share=100.0 * share, extent=extent)
         kind, words = part_change(before.order[part], after.order[part], under, what)
-        lost = ~part & np.isfinite(before.order) & ~np.isfinite(after.order)
-        if lost.mean() > _WORTH_SAYING:
-            words += message("elsewhere_would_not_known", mean=100.0 * lost.mean(), extent=extent)
+        lost = float(np.mean(~part & np.isfinite(before.order) & ~np.isfinite(after.order)))
+        if lost > _WORTH_SAYING:
+            words += message("elsewhere_would_not_known", mean=100.0 * lost, extent=extent)
         levels = shown_orders(np.where(part, after.order, np.nan))
         return {
             "kind": kind, "words": f"{words}.", "share": share,
@@ -227,11 +219,10 @@ class ClickPreview:
         bare = scene.model_copy(update={"frames": scene.frames.model_copy(update=none)})
         key = (index, bare.model_dump_json())
         known = scene.frames.model_dump_json()
-        old = self._preview
-        if old is None or self._key not in (key, (*key, known)):
-            self._preview = old = anchor_preview(self._session.frames, scene, index)
-            self._key = (*key, known) if old.depends_on_known else key
-        return old
+        if self._preview is None or self._key not in (key, (*key, known)):
+            self._preview = anchor_preview(self._session.frames, scene, index)
+            self._key = (*key, known) if self._preview.depends_on_known else key
+        return self._preview
 
 
 def _nothing(words: str) -> dict[str, Any]:
@@ -281,10 +272,9 @@ class SetupServer(ThreadingHTTPServer):
         self.token = secrets.token_urlsafe(24)
         self.work = threading.Lock()  # one fit, check or map at a time
         self.preview = ClickPreview(session)  # beside them: it is to come at once
-        self._pages = 0
-        self._gone_at: float | None = None
-        self._count = threading.Lock()
-        self.is_ended = False
+        # pages that are there, and since when there is none
+        self.count, self.pages, self.is_ended = threading.Lock(), 0, False
+        self.gone_at: float | None = None
 
     @property
     def hosts(self) -> tuple[str, str]:
@@ -297,35 +287,16 @@ class SetupServer(ThreadingHTTPServer):
         return f"http://{self.hosts[0]}/{self.token}/"
 
     def run(self) -> None:
-        """Serve until the page is closed, or `end` is called."""
+        """Serve until the page is closed, or `is_ended` is set, from any thread."""
         self.timeout = 0.1
         try:
             while not self.is_ended:
                 self.handle_request()
-                with self._count:
-                    gone = self._gone_at
+                gone = self.gone_at
                 self.is_ended |= gone is not None and time.monotonic() - gone > _GRACE_S
         finally:
-            self.end()
+            self.is_ended = True
             self.server_close()
-
-    def end(self) -> None:
-        """End serving, from any thread."""
-        self.is_ended = True
-
-    @contextmanager
-    def open_page(self) -> Iterator[None]:
-        """Count a page as long as it is there."""
-        with self._count:
-            self._pages += 1
-            self._gone_at = None
-        try:
-            yield
-        finally:
-            with self._count:
-                self._pages -= 1
-                if self._pages == 0:
-                    self._gone_at = time.monotonic()
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """Say nothing of connections that a browser breaks off."""
@@ -360,25 +331,24 @@ class _Handler(BaseHTTPRequestHandler):
 
     def do_GET(self) -> None:
         """Give the page, a frame, or signs of life."""
-        self._answer({"": _Handler.send_page, "life": _Handler.send_life}, GETS)
+        self._answer({"": None, "life": None, **GETS})
 
     def do_POST(self) -> None:
         """Do what the page asks for."""
-        self._answer({}, POSTS)
+        self._answer(POSTS)
 
-    def _answer(
-        self, direct: Mapping[str, Callable[[_Handler], None]], routes: Mapping[str, Route]
-    ) -> None:
-        """Answer by what the connection itself sends, or by a route to plain values."""
+    def _answer(self, routes: Mapping[str, Route | None]) -> None:
+        """Answer by a route to plain values, or by what the connection itself sends."""
         try:
-            name, request = self._asked({*direct, *routes})
+            name, request = self._asked(routes)
             if self.command == "POST":
                 request = self._body()
-            if name in direct:
-                direct[name](self)
+            route = routes[name]
+            if route is None:
+                (self.send_life if name else self.send_page)()
                 return
             with self.server.work if name in SLOW else nullcontext():
-                answer = routes[name](self.server, request)
+                answer = route(self.server, request)
             if isinstance(answer, tuple):
                 self.send_picture(*answer)
             else:
@@ -439,52 +409,57 @@ class _Handler(BaseHTTPRequestHandler):
         head = {"X-Rows": picture.shape[0], "X-Cols": picture.shape[1]}
         if region is not None:
             head |= {"X-Top": region.top_px, "X-Left": region.left_px}
-        texts = {name: str(number) for name, number in head.items()} | dict(more)
-        self._send(picture.tobytes(), "application/octet-stream", texts)
+        self._send(picture.tobytes(), "application/octet-stream", {**head, **more})
 
     def send_page(self) -> None:
         """Send the page itself; loaded anew, it shows what the file holds."""
         session = self.server.session
         session.read_again()
-        subject = session.subject
+        subject, fields = session.subject, [asdict(field) for field in FIELDS]
         kinds = KINDS if subject is None else {subject: SET_KINDS[subject]}
-        fields = [asdict(field) for field in FIELDS]
+        data = {"fields": fields, "kinds": kinds, "searched": edits.SEARCHED}
         values = {
-            "scene_file": session.scene_file.name,
-            "subject": session.subject,
+            "scene_file": session.scene_file.name, "subject": subject, "data": data,
             "kinds": list(kinds.items()),
-            "data": {"fields": fields, "kinds": kinds, "searched": edits.SEARCHED},
-        }
+        }  # fmt: skip
         html = assemble_page(_ROOM, _NAME, scripts=_SCRIPTS, policy=_ALLOWED, values=values)
         self._send(html.encode(), "text/html; charset=utf-8")
+
+    def send_life(self) -> None:
+        """Send signs of life as long as the page is there: its end is the server's."""
+        server, self.close_connection = self.server, True
+        self._send(b"", "text/event-stream", ends=False)
+        with server.count:
+            server.pages, server.gone_at = server.pages + 1, None
+        try:
+            while not server.is_ended:
+                self.wfile.write(b": here\n\n")
+                self.wfile.flush()
+                time.sleep(_PULSE_S)
+        finally:
+            with server.count:
+                server.pages -= 1
+                server.gone_at = None if server.pages else time.monotonic()
 
     def _send(
         self,
         data: bytes,
         kind: str,
-        more: Mapping[str, str] = {},
+        more: Mapping[str, Any] = {},
         status: HTTPStatus = HTTPStatus.OK,
+        *,
+        ends: bool = True,
     ) -> None:
-        more = {**more, "Content-Type": kind, "Content-Length": str(len(data))}
-        self._begin(more | {"Connection": "close"} if self.close_connection else more, status)
-        self.wfile.write(data)
-
-    def _begin(self, more: Mapping[str, str], status: HTTPStatus = HTTPStatus.OK) -> None:
-        """Send an answer's status and headers."""
+        headers = {**_HEADERS, **more, "Content-Type": kind}
+        if ends:
+            headers |= {"Content-Length": len(data)}
+        if self.close_connection:
+            headers |= {"Connection": "close"}
         self.send_response(status)
-        for name, value in (_HEADERS | dict(more)).items():
-            self.send_header(name, value)
+        for name, value in headers.items():
+            self.send_header(name, str(value))
         self.end_headers()
-
-    def send_life(self) -> None:
-        """Send signs of life as long as the page is there: its end is the server's."""
-        self.close_connection = True
-        self._begin({"Content-Type": "text/event-stream"})
-        with self.server.open_page():
-            while not self.server.is_ended:
-                self.wfile.write(b": here\n\n")
-                self.wfile.flush()
-                time.sleep(_PULSE_S)
+        self.wfile.write(data)
 
 
 def _index(request: edits.Request) -> int:
@@ -505,7 +480,6 @@ def _model(server: SetupServer, request: edits.Request) -> Picture:
 
 
 def _find(server: SetupServer, request: edits.Request) -> Mapping[str, Any]:
-    """The scene of a frame by a cold search, and the state that it leaves."""
     values = request.get("values")
     if not (values is None or isinstance(values, dict)):
         raise _Refused(HTTPStatus.BAD_REQUEST, "values_no_form")
@@ -516,16 +490,21 @@ def _find(server: SetupServer, request: edits.Request) -> Mapping[str, Any]:
 
 
 def _map(server: SetupServer, request: edits.Request) -> Picture:
-    session = server.session
-    shown, warnings = order_map_of_points(session, _index(request))
+    shown, warnings = order_map_of_points(server.session, _index(request))
     words = json.dumps(warnings)  # escapes whatever is not ASCII
-    headers = {"X-Said": words if len(words) < 2000 else "[]"}
-    return shown, session.region(session.scene_or_none()), headers
+    region = server.session.region(server.session.scene_or_none())
+    return shown, region, {"X-Said": words if len(words) < 2000 else "[]"}
+
+
+def _frame(server: SetupServer, request: edits.Request) -> Picture:
+    session = server.session
+    frame = session.frame(_index(request), session.scene_or_none())
+    return shown_frame(frame.image), None, {}
 
 
 GETS: Mapping[str, Route] = {
     "state": lambda server, _: edits.session_state(server.session),
-    "frame": lambda server, query: (server.session.picture(_index(query)), None, {}),
+    "frame": _frame,
 }
 
 POSTS: Mapping[str, Route] = {
@@ -644,7 +623,7 @@ def open_session(
     if scene is not None and str(scene) in scene_names() and not Path(scene).exists():
         text = (LIBRARY / f"{scene}.toml").read_text("utf-8")
         return SetupSession(given, folder / _NEW_SCENE, text, saved=False)
-    place = Path(scene) if scene is not None else folder / (_NEW_SET if calibration else _NEW_SCENE)
+    place = Path(scene or folder / (_NEW_SET if calibration else _NEW_SCENE))
     return _session_of(given, place, calibration)
 
 
@@ -664,17 +643,17 @@ def _session_of(
         if holds and subject != SUBJECTS[calibration]:
             raise InputError("holds_no_so_no", place=place, calibration=calibration)
         subject = SUBJECTS[calibration]
-    if subject is None:
-        session = SetupSession(given, place, text, saved=saved)
-    else:
-        session = SetSession(given, place, text, saved=saved, subject=subject)
+    session = (
+        SetupSession(given, place, text, saved=saved)
+        if subject is None
+        else SetSession(given, place, text, saved=saved, subject=subject)
+    )
     if saved:
         session.scene()  # what is wrong with it is said before a page opens
     return session
 
 
 def _images_of(place: Path) -> tuple[Path, ...]:
-    """The images of a calibration set's file."""
     images = parse_toml(read_text(place), str(place)).get("image")
     listed = images if isinstance(images, list) else ()
     files = [one.get("file") for one in listed if isinstance(one, dict)]

@@ -89,8 +89,7 @@ class LiveModel:
         self._start(scene)
 
     def _start(self, scene: Scene) -> None:
-        """Choose the nodes on the surface: they stay as values move."""
-        self._base = with_numerics(scene)
+        self._base = with_numerics(scene)  # with the nodes on the surface: they stay
         self._renderer = SceneRenderer(self._base, self.shape, rough=True)
 
     def signal(self, values: Mapping[str, float]) -> NDArray[np.floating]:
@@ -98,11 +97,8 @@ class LiveModel:
 
         InputError where a value is not allowed, PhysicsError where the contact cannot be solved.
         """
-        known = {
-            key: value
-            for key, value in values.items()
-            if getattr(self.scene, key.partition(".")[0], None) is not None
-        }
+        parts = vars(self.scene)
+        known = {k: v for k, v in values.items() if parts.get(k.partition(".")[0]) is not None}
         scene, sharp = self._base.with_values(known), np.ones((), np.float32)
         try:
             signal = self._renderer.signal(scene, visibility=sharp)
@@ -169,7 +165,6 @@ class SetupSession:
         ]
 
     def _pictures(self) -> list[str]:
-        """The names of all pictures and tables in the scene's folder."""
         files = (f for f in self.folder.iterdir() if f.suffix.lower() in _PICTURES)
         return sorted(f.name for f in files if f.is_file() and not f.name.startswith("."))
 
@@ -277,27 +272,17 @@ class SetupSession:
             return self.scene()
         return None
 
-    def count_with(self, index: int, scene: Scene | None) -> int:
-        """How many frames there are; InputError where frame `index` is none of them."""
+    def frame(self, index: int, scene: Scene | None) -> Frame:
+        """A whole frame. Raises InputError where there is none of this number."""
         count = self.count(scene)
         if not 0 <= index < count:
             raise InputError("frame_there_counted_from_2", index=index, count=count)
-        return count
-
-    def frame(self, index: int, scene: Scene | None) -> Frame:
-        """A whole frame."""
-        self.count_with(index, scene)
         return self.reader(scene).frame(index)
-
-    def picture(self, index: int) -> NDArray[np.uint8]:
-        """A frame (rows, cols) as it is shown: whole, turned, stretched to 8 bits."""
-        return shown_frame(self.frame(index, self.scene_or_none()).image)
 
     def region(self, scene: Scene | None) -> Roi:
         """The region of interest, the whole picture where there is none."""
         rows, cols = self.reader(scene).shape
-        roi = scene.frames.roi if scene is not None else None
-        return roi or Roi(height_px=rows, width_px=cols)
+        return (scene and scene.frames.roi) or Roi(height_px=rows, width_px=cols)
 
     def pixels(self, scene: Scene) -> PixelGrid:
         """The region's pixels. Raises InputError where the scale is not known."""
@@ -318,7 +303,7 @@ class SetupSession:
                 state = own_scene(with_file_scale(scene, self.reader(scene)), frame)
                 model = LiveModel(state, (region.height_px, region.width_px))
                 shown = _cut(shown_frame(frame.image), region)
-                dark, bright = (float(v) for v in np.percentile(shown[::4, ::4], _OUTERMOST))
+                dark, bright = np.percentile(shown[::4, ::4], _OUTERMOST).tolist()
                 self._model = key, model, (dark, max(bright, dark + 1.0))
             _, model, (dark, bright) = self._model
             light = np.clip(model.signal(values), 0.0, 1.0)
@@ -336,21 +321,17 @@ def shown_frame(image: NDArray[Any]) -> NDArray[np.uint8]:
 
 
 def _named_files(text: str) -> set[str]:
-    """The files that a scene's text names."""
+    named: set[str] = set()
     with suppress(InputError):
-        return set(_names_in(parse_toml(text, "scene")))
-    return set()
-
-
-def _names_in(value: Any, key: str = "") -> Iterator[str]:
-    if isinstance(value, Mapping):
-        for name, inner in value.items():
-            yield from _names_in(inner, name)
-    elif isinstance(value, list):
-        for inner in value:
-            yield from _names_in(inner, key)
-    elif isinstance(value, str) and key in _NAMING:
-        yield value
+        within: list[tuple[str, Any]] = [("", parse_toml(text, "scene"))]
+        for key, value in within:  # which grows
+            if isinstance(value, Mapping):
+                within += value.items()
+            elif isinstance(value, list):
+                within += [(key, inner) for inner in value]
+            elif isinstance(value, str) and key in _NAMING:
+                named.add(value)
+    return named
 
 
 TABLES = {"bending": "beam", "diametral": "disc"}
@@ -375,7 +356,8 @@ class SetSession(SetupSession):
     ) -> None:
         super().__init__(frames, scene_file, text, saved=saved)
         self.subject = subject
-        self._geometry: tuple[int, dict[str, dict[str, float]]] = (-1, {})
+        # what was fitted to each image, at a revision
+        self.geometry: tuple[int, dict[str, dict[str, float]]] = (-1, {})
 
     def left_out(self, scene: Scene | None) -> tuple[Path, ...]:
         """None: each image is offered as one of the set."""
@@ -418,7 +400,7 @@ class SetSession(SetupSession):
 
     def check_complete(self) -> None:
         """Refuse a text that is no whole set, or names other files."""
-        self.scene()
+        super().check_complete()
         self.calibration_set()
 
     def loads(self) -> list[float | None]:
@@ -429,48 +411,39 @@ class SetSession(SetupSession):
         loads = _loads_in(parse_toml(self.text, self.scene_file.name).get("image", []))
         return [loads.get(name) for name in self.image_names]
 
-    def calibrate(self) -> Calibration:
-        """Find the fringe value from the set as it is."""
-        given, revision = self.calibration_set(), self.revision
-        run = calibrate_bending if self.subject == "bending" else calibrate_disc
-        with single_threaded():
-            result = run(given)
-        self._geometry = revision, {image.file: image.geometry for image in result.images}
-        return result
-
     def outlines(self, index: int) -> list[list[list[float]]]:
         """A disc's rim, or a calibrated beam's edges, as lines of (row, col); none if not found."""
         scene = self.scene()
         region, image = self.region(scene), self.frame(index, scene).image
-        revision, geometry = self._geometry
+        revision, geometry = self.geometry
         fitted = geometry.get(self.image_names[index]) if revision == self.revision else None
-        lines: Iterable[Sequence[Sequence[float]]] = ()
-        if self.subject == "diametral" and fitted:
-            lines = (_ring(fitted["centre_row_px"], fitted["centre_col_px"], fitted["radius_px"]),)
-        elif self.subject == "diametral":
-            picture, depth = _cut(image, region), self.reader(scene).bit_depth
-            with suppress(InputError, PhysicsError):  # no rim is to be seen
-                rim = find_rim(observe(picture, name="the image", bit_depth=depth, gamma=1.0))
-                lines = (_ring(rim.row, rim.col, rim.radius),)
+        lines: list[NDArray[np.float64]] = []
+        if self.subject == "diametral":
+            circle = None
+            if fitted:
+                circle = [fitted[k] for k in ("centre_row_px", "centre_col_px", "radius_px")]
+            else:
+                picture, depth = _cut(image, region), self.reader(scene).bit_depth
+                with suppress(InputError, PhysicsError):  # no rim is to be seen
+                    rim = find_rim(observe(picture, name="the image", bit_depth=depth, gamma=1.0))
+                    circle = [rim.row, rim.col, rim.radius]
+            if circle:
+                turn = np.radians(np.arange(0.0, 361.0, 5.0))
+                lines = [circle[2] * np.stack([np.sin(turn), np.cos(turn)], 1) + circle[:2]]
         elif fitted:
-            beam, pixel = self.calibration_set().beam, self.pixels(scene).pixel_mm
+            # both edges from the left to the right of the region, by neutral axis and tilt
+            beam, col = self.calibration_set().beam, np.array([0.0, region.width_px - 1.0])
             assert beam is not None
-            lines = _edges(fitted, beam.height_mm / pixel, region.width_px)
-        return [moved(line, region.top_px, region.left_px) for line in lines]
+            slope = -np.tan(np.radians(fitted["tilt_deg"]))
+            row = fitted["neutral_axis_row_px"] + slope * (col - 0.5 * col[1])
+            away = 0.5 * beam.height_mm / self.pixels(scene).pixel_mm * np.hypot(1.0, slope)
+            lines = [np.stack([row + side, col], axis=1) for side in (-away, away)]
+        return [moved(line.tolist(), region.top_px, region.left_px) for line in lines]
 
 
 def _cut(image: NDArray[Any], region: Roi) -> NDArray[Any]:
-    """A region of a whole picture."""
     rows = slice(region.top_px, region.top_px + region.height_px)
     return image[rows, region.left_px : region.left_px + region.width_px]
-
-
-def _ring(row: float, col: float, radius: float) -> list[list[float]]:
-    """A circle's points, each five degrees."""
-    turn = np.radians(np.arange(0.0, 361.0, 5.0))
-    away = radius * np.stack([np.sin(turn), np.cos(turn)], 1)
-    ring: list[list[float]] = (np.array([row, col]) + away).tolist()
-    return ring
 
 
 def plain_table(table: Any) -> Any:
@@ -481,17 +454,6 @@ def plain_table(table: Any) -> Any:
         key: value["value"] if isinstance(value, Mapping) and "value" in value else value
         for key, value in table.items()
     }
-
-
-def _edges(
-    values: Mapping[str, float], height_px: float, width: int
-) -> Iterator[list[tuple[float, float]]]:
-    """A beam's two edges from the left to the right of its region, by its neutral axis and tilt."""
-    slope, half = -np.tan(np.radians(values["tilt_deg"])), 0.5 * (width - 1)
-    away = 0.5 * height_px * np.hypot(1.0, slope)
-    for side in (-away, away):
-        row = values["neutral_axis_row_px"] + side
-        yield [(float(row - slope * half), 0.0), (float(row + slope * half), width - 1.0)]
 
 
 def _loads_in(images: Iterable[Mapping[str, Any]]) -> Any:
@@ -517,8 +479,11 @@ def with_loads(text: str, names: Sequence[str], loads: Sequence[float | None]) -
 
 def calibration_answer(session: SetSession) -> dict[str, Any]:
     """Calibrate: values, images, causes with the key and value that state them, warnings."""
-    revision = session.revision
-    result = session.calibrate()
+    given, revision = session.calibration_set(), session.revision
+    run = calibrate_bending if session.subject == "bending" else calibrate_disc
+    with single_threaded():
+        result = run(given)
+    session.geometry = revision, {image.file: image.geometry for image in result.images}
     return {
         "revision": revision,
         "values": [{"words": words, "text": text} for words, text in result.main_values()],
@@ -526,12 +491,13 @@ def calibration_answer(session: SetSession) -> dict[str, Any]:
             {name: getattr(image, name) for name in ("file", "load_n", "order", "chi")}
             for image in result.images
         ],
-        "causes": list(_cause_rows(session, result)),
+        "causes": list(_cause_rows(given.gamma, result)),
         "warnings": [w for w in result.warnings if w not in map(cause_sentence, result.causes)],
     }
 
 
 _UNITS = {
+    None: "of the wavelength, full width at half height",
     "camera.distortion": "of the corner's distance",
     "camera.keystone_x": "change of scale, middle to edge",
     "camera.keystone_z": "change of scale, middle to edge",
@@ -542,29 +508,26 @@ _UNITS = {
 """What the value of a cause is counted in, by its key."""
 
 
-def _cause_rows(session: SetSession, result: Calibration) -> Iterator[dict[str, Any]]:
+def _cause_rows(gamma: float, result: Calibration) -> Iterator[dict[str, Any]]:
     """What the images asked for besides the set, in plain words, and where the set states it."""
     for cause in result.causes:
-        key, value, spread = cause["key"], cause["value"], cause["standard_uncertainty"]
-        unit, why = _UNITS.get(key, ""), ""
+        key, words, unit = cause["key"], cause["cause"], _UNITS.get(cause["key"], "")
+        # what was found of a gamma is a factor to the set's
+        factor = gamma if key == _GAMMA else 1.0
+        pair = factor * cause["value"], factor * cause["standard_uncertainty"]
+        note, stated, line = f"{unit[:1].upper()}{unit[1:]}." if unit else "", None, None
         if key is None:
-            unit = "of the wavelength, full width at half height"
-            why = message("set_states_nm_fill")
-        elif key == _GAMMA:
-            gamma = session.calibration_set().gamma  # what was found is a factor to it
-            value, spread = gamma * value, gamma * spread
-        stated = None if key is None else round_by_spread(value, spread)
-        words = cause["cause"][:1].upper() + cause["cause"][1:]
-        text = with_uncertainty(value, spread)
-        note = f"{unit[:1].upper()}{unit[1:]}. {why}".strip() if unit else why
-        yield {"words": words, "text": text} | {
-            "key": key, "value": stated, "note": note,
-            "line": None if key is None else f"{key.partition('.')[2]} = {toml_text(stated)}",
+            note += " " + message("set_states_nm_fill")
+        else:
+            stated = round_by_spread(*pair)
+            line = f"{key.partition('.')[2]} = {toml_text(stated)}"
+        yield {
+            "words": words[:1].upper() + words[1:], "text": with_uncertainty(*pair), "key": key,
+            "value": stated, "note": note, "line": line,
         }  # fmt: skip
     if result.residual is not None:
-        most = f"up to {result.residual['largest_order']:.3f} fringes"
         yield {
-            "words": "Residual stress in the specimen", "text": most, "key": None, "value": None,
-            "line": None,
+            "words": "Residual stress in the specimen", "key": None, "value": None, "line": None,
+            "text": f"up to {result.residual['largest_order']:.3f} fringes",
             "note": message("fitted_field_taken_off"),
         }  # fmt: skip

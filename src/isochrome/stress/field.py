@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from isochrome.errors import InputError
 from isochrome.reference import StressComponents as StressComponents  # stress shows it too
-from isochrome.scene import Camera, Scene
+from isochrome.scene import Scene
 
 Floats = NDArray[np.floating]
 
@@ -169,12 +169,13 @@ def pixel_grid(scene: Scene, shape: tuple[int, int] | None = None) -> PixelGrid:
     camera = scene.camera
     if camera is None:
         raise InputError("camera_missing_picture_needs", name=scene.name)
-    rows = camera.height_px or (shape[0] if shape else None)
-    cols = camera.width_px or (shape[1] if shape else None)
+    rows, cols = shape or (None, None)
+    rows, cols = camera.height_px or rows, camera.width_px or cols
     for key, value in (("height_px", rows), ("width_px", cols), ("pixel_mm", camera.pixel_mm)):
         if value is None:
             raise InputError("camera_missing_add", name=scene.name, key=key)
-    assert rows is not None and cols is not None and camera.pixel_mm is not None
+    assert rows is not None and cols is not None
+    assert camera.pixel_mm is not None
     if rows * cols > MAX_PIXELS:
         name = scene.name
         raise InputError(
@@ -192,20 +193,13 @@ def pixel_grid(scene: Scene, shape: tuple[int, int] | None = None) -> PixelGrid:
             "picture_reaches_mm_from_contact", name=scene.name, reach=reach,
             pixel_mm=camera.pixel_mm, left_mm=left_mm, top=top, max_reach_mm=MAX_REACH_MM,
         )  # fmt: skip
-    return PixelGrid(rows, cols, left_mm, top, camera.pixel_mm, _lens(camera, rows, cols))
-
-
-def _lens(camera: Camera, rows: int, cols: int) -> Lens | None:
-    """The lens of a picture, None where the camera is square to the specimen and has none."""
-    if not any((camera.roll_deg, camera.distortion, camera.keystone_x, camera.keystone_z)):
-        return None
-    assert camera.pixel_mm is not None
-    width, height = 0.5 * cols * camera.pixel_mm, 0.5 * rows * camera.pixel_mm
-    return Lens(
-        right_mm=width, down_mm=height, half_width_mm=width, half_height_mm=height,
-        roll_deg=camera.roll_deg, distortion=camera.distortion, keystone_x=camera.keystone_x,
-        keystone_z=camera.keystone_z,
-    )  # fmt: skip
+    half_width, half_height = 0.5 * cols * camera.pixel_mm, 0.5 * rows * camera.pixel_mm
+    bent = {k: getattr(camera, k) for k in ("roll_deg", "distortion", "keystone_x", "keystone_z")}
+    lens = Lens(
+        right_mm=half_width, down_mm=half_height, half_width_mm=half_width,
+        half_height_mm=half_height, **bent,
+    ) if any(bent.values()) else None  # fmt: skip
+    return PixelGrid(rows, cols, left_mm, top, camera.pixel_mm, lens)
 
 
 StressDifference = NDArray[np.complexfloating]

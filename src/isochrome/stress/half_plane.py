@@ -32,7 +32,7 @@ Journal of Computational Physics 90.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import zip_longest
 from typing import NamedTuple
@@ -69,18 +69,14 @@ def cauchy_of_hat(
     square: Complexes = inverse * inverse
     first: Complexes = inverse * (1.0 + square * (1 / 6 + square * (1 / 15 + square / 28)))
     second: Complexes = square * (1.0 + square * (3 / 6 + square * (5 / 15 + square * 7 / 28)))
-    near = zeta[~far]
-    logs = [_log_from_below(near + k) for k in (-1.0, 0.0, 1.0)]
+    near, logs = zeta[~far], []
+    for at in (near - 1.0, near, near + 1.0):  # the branch of the lower half-plane; at 0 times 0
+        size = np.abs(at)
+        angle = np.where((at.imag == 0.0) & (at.real < 0.0), -np.pi, np.angle(at))
+        logs.append(np.log(np.where(size == 0.0, 1.0, size)) + 1j * angle)
     first[~far] = (near - 1) * logs[0] - 2 * near * logs[1] + (near + 1) * logs[2]
     second[~far] = -(logs[0] - 2 * logs[1] + logs[2])
     return first, second / spacing_mm
-
-
-def _log_from_below(zeta: Complexes) -> Complexes:
-    """Natural logarithm with the branch of the lower half-plane; zero at zero (times zero)."""
-    size = np.abs(zeta)
-    angle = np.where((zeta.imag == 0.0) & (zeta.real < 0.0), -np.pi, np.angle(zeta))
-    return np.log(np.where(size == 0.0, 1.0, size)) + 1j * angle
 
 
 class PointForce(NamedTuple):
@@ -143,17 +139,9 @@ class RowBand:
 
 
 def make_band(
-    rows: slice,
-    z_mm: Floats,
-    cols: int,
-    *,
-    first_mm: float,
-    spacing_mm: float,
-    nodes: int,
-    fold: int,
-    deep: bool,
-    dtype: np.dtype[np.complexfloating],
-) -> RowBand:
+    rows: slice, z_mm: Floats, cols: int, *, first_mm: float, spacing_mm: float, nodes: int,
+    fold: int, deep: bool, dtype: np.dtype[np.complexfloating],
+) -> RowBand:  # fmt: skip
     """Kernel spectra of one band of rows at depths `z_mm`; `fold`, nodes a pixel.
 
     `first_mm` is the first pixel's x from the first node; `deep`, sources move to pixel spacing.
@@ -163,20 +151,17 @@ def make_band(
         moved, step = fold, fold * spacing_mm
         sources = -(-nodes // fold) + 2 * HALF_TAPS - 1
         first_mm, fold = first_mm + (HALF_TAPS - 1) * step, 1
-    needed = fold * (cols - 1) + sources
-    length = fold * int(scipy.fft.next_fast_len(-(-needed // fold)))
+    length = fold * int(scipy.fft.next_fast_len(cols - 1 - (-sources // fold)))
     lags = np.arange(length)
     lags[lags > fold * (cols - 1)] -= length
     x = first_mm + step * lags
-    cauchy = np.empty((len(z_mm), length), dtype=dtype)
-    slope = np.empty_like(cauchy)
+    both = np.empty((2, len(z_mm), length), dtype=dtype)
     for row, z in enumerate(z_mm):
         first, second = cauchy_of_hat(x, float(z), spacing_mm)
-        cauchy[row] = scipy.fft.fft(first, overwrite_x=True)
-        slope[row] = scipy.fft.fft(float(z) * second, overwrite_x=True)
-    cauchy *= dtype.type(-2.0 / np.pi)
-    slope *= dtype.type(-2.0 / np.pi)
-    return RowBand(rows, fold, moved, cauchy, slope)
+        both[0, row] = scipy.fft.fft(first, overwrite_x=True)
+        both[1, row] = scipy.fft.fft(float(z) * second, overwrite_x=True)
+    both *= dtype.type(-2.0 / np.pi)
+    return RowBand(rows, fold, moved, *both)
 
 
 def convolve_rows(
@@ -365,13 +350,9 @@ def field_dtype(tolerance: float) -> type[np.complexfloating]:
 
 
 def make_field_grid(
-    pixels: PixelGrid,
-    *,
-    left_mm: float,
-    spacing_mm: float,
-    nodes: int,
+    pixels: PixelGrid, *, left_mm: float, spacing_mm: float, nodes: int,
     dtype: type[np.complexfloating] = np.complex64,
-) -> FieldGrid:
+) -> FieldGrid:  # fmt: skip
     """Kernels from nodes, the first at `left_mm`; InputError: a pixel is not whole spacings."""
     fold = round(pixels.pixel_mm / spacing_mm)
     if fold < 1 or abs(fold * spacing_mm / pixels.pixel_mm - 1.0) > 1e-9:
@@ -383,19 +364,12 @@ def make_field_grid(
     z = np.where(np.abs(depths) <= _ON_SURFACE, 0.0, pixels.z_mm)
     bands = [
         make_band(
-            rows,
-            z[rows],
-            pixels.cols,
-            first_mm=float(pixels.x_mm[0] - left_mm),
-            spacing_mm=spacing_mm,
-            nodes=nodes,
-            fold=fold,
-            deep=rows.start >= deep,
-            dtype=kind,
+            rows, z[rows], pixels.cols, first_mm=float(pixels.x_mm[0] - left_mm),
+            spacing_mm=spacing_mm, nodes=nodes, fold=fold, deep=rows.start >= deep, dtype=kind,
         )
         for rows in (slice(surface, max(surface, deep)), slice(max(surface, deep), pixels.rows))
         if rows.start < rows.stop
-    ]
+    ]  # fmt: skip
     return FieldGrid(pixels, nodes, kind, tuple(bands))
 
 
@@ -403,12 +377,10 @@ def stress_difference(
     grid: FieldGrid, pressure_mpa: Floats, shear_mpa: Floats | None = None
 ) -> StressDifference:
     """(sigma_x - sigma_z) + 2i tau_xz (rows, cols), MPa, of tractions (n,); 0 above the surface."""
-    _check_nodes(grid, pressure_mpa, shear_mpa)
-    field = _empty_field(grid)
+    field = _empty_field(grid, pressure_mpa, shear_mpa)
     for band in grid.bands:
-        if shear_mpa is None:
-            loads = [(band.slope, pressure_mpa)]
-        else:
+        loads = [(band.slope, pressure_mpa)]
+        if shear_mpa is not None:
             loads = [(band.slope, pressure_mpa + 1j * shear_mpa), (band.cauchy, shear_mpa)]
         convolve_rows(band, loads, field[band.rows])
     return field
@@ -416,25 +388,21 @@ def stress_difference(
 
 def stress_trace(grid: FieldGrid, pressure_mpa: Floats, shear_mpa: Floats | None = None) -> Floats:
     """sigma_x + sigma_z (rows, cols), MPa, of tractions (n,) at the nodes; 0 above the surface."""
-    _check_nodes(grid, pressure_mpa, shear_mpa)
+    field = _empty_field(grid, pressure_mpa, shear_mpa)
     traction = -1j * pressure_mpa if shear_mpa is None else shear_mpa - 1j * pressure_mpa
-    field = _empty_field(grid)
     for band in grid.bands:
         convolve_rows(band, [(band.cauchy, traction)], field[band.rows])
     return np.ascontiguousarray(field.real)
 
 
-def _empty_field(grid: FieldGrid) -> StressDifference:
-    """A field that is zero above the surface, and yet to be filled below."""
-    field = np.empty((grid.pixels.rows, grid.pixels.cols), dtype=grid.dtype)
-    field[: grid.bands[0].rows.start if grid.bands else None] = 0.0
-    return field
-
-
-def _check_nodes(grid: FieldGrid, *tractions: Floats | None) -> None:
+def _empty_field(grid: FieldGrid, *tractions: Floats | None) -> StressDifference:
+    """A field that is zero above the surface, and yet to be filled below, by tractions (n,)."""
     for traction in tractions:
         if traction is not None and np.shape(traction) != (grid.nodes,):
             raise InputError("tractions_have_shape_but", shape=np.shape(traction), nodes=grid.nodes)
+    field = np.empty((grid.pixels.rows, grid.pixels.cols), dtype=grid.dtype)
+    field[: grid.bands[0].rows.start if grid.bands else None] = 0.0
+    return field
 
 
 _GROWTH = 1.2
@@ -471,47 +439,38 @@ class Loads:
         return np.abs(field + self.regular.difference(x, z))
 
 
-def _scans(loads: Loads, box: Box) -> list[tuple[Floats, Floats, Floats]]:
+def _scans(loads: Loads, box: Box) -> Iterator[tuple[Floats, Floats, Floats]]:
     """Columns, depths and sizes of a coarse scan of all the window and of fine ones at the load.
 
     A column at each node on graded depths, and four to a spacing near the surface and its cusps.
     """
     x: Floats = np.linspace(box.left, box.right, _ACROSS)
     z: Floats = np.linspace(box.top, box.bottom, _ACROSS)
-    scans = [(x, z, loads.size(x[None, :], z[:, None]))]
+    yield x, z, loads.size(x[None, :], z[:, None])
     h, start, end = loads.spacing, loads.nodes[0], loads.nodes[-1]
-    start_mm, right = max(box.left, start + start - end), min(box.right, end + end - start)
+    left_mm, right = max(box.left, start + start - end), min(box.right, end + end - start)
     count = int(np.ceil(np.log(max(box.bottom / h, 1.0)) / np.log(_GROWTH)))
-    for step, depths in (
-        (1.0, h * _GROWTH ** np.arange(count + 1)),
-        (0.25, 0.25 * h * np.arange(9)),
-    ):
-        x = start + h * step * np.arange(
-            np.ceil((start_mm - start) / h / step), np.floor((right - start) / h / step) + 1
-        )
+    graded, near = h * _GROWTH ** np.arange(count + 1), 0.25 * h * np.arange(9)
+    both = loads.pressure + 1j * loads.shear
+    for split, depths in ((1, graded), (4, near)):
+        step = 1.0 / split
+        first = np.ceil((left_mm - start) / h / step)
+        x = start + h * step * np.arange(first, np.floor((right - start) / h / step) + 1)
         inside = depths[(depths > box.top) & (depths < box.bottom)]
         z = np.unique(np.r_[box.top, inside, box.bottom])
+        size = np.empty((len(z), len(x)))
+        for col in range(min(split, len(x))):
+            cols = x[col::split]
+            band = make_band(
+                slice(0, len(z)), z, len(cols), first_mm=float(cols[0] - start), spacing_mm=h,
+                nodes=len(loads.nodes), fold=1, deep=False, dtype=np.dtype(np.complex64),
+            )  # fmt: skip
+            field = np.empty((len(z), len(cols)), np.complex64)
+            convolve_rows(band, [(band.slope, both), (band.cauchy, loads.shear)], field)
+            field += loads.regular.difference(cols[None, :], z[:, None]).astype(np.complex64)
+            size[:, col::split] = np.abs(field)
         if x.size:
-            scans.append((x, z, _scan(loads, x, z, round(1.0 / step))))
-    return scans
-
-
-def _scan(loads: Loads, x: Floats, z: Floats, split: int) -> Floats:
-    """Size of the stress difference at any depths, at columns `split` to a spacing."""
-    size = np.empty((len(z), len(x)))
-    both = loads.pressure + 1j * loads.shear
-    for start in range(min(split, len(x))):
-        cols = x[start::split]
-        band = make_band(
-            slice(0, len(z)), z, len(cols), first_mm=float(cols[0] - loads.nodes[0]),
-            spacing_mm=loads.spacing, nodes=len(loads.nodes), fold=1, deep=False,
-            dtype=np.dtype(np.complex64),
-        )  # fmt: skip
-        field = np.empty((len(z), len(cols)), np.complex64)
-        convolve_rows(band, [(band.slope, both), (band.cauchy, loads.shear)], field)
-        field += loads.regular.difference(cols[None, :], z[:, None]).astype(np.complex64)
-        size[:, start::split] = np.abs(field)
-    return size
+            yield x, z, size
 
 
 @dataclass(frozen=True)
@@ -524,13 +483,9 @@ class ShearPeak:
 
 
 def largest_shear(
-    nodes_mm: Floats,
-    pressure_mpa: Floats,
-    shear_mpa: Floats | None,
-    *,
-    within: tuple[float, float, float, float],
-    regular: RegularStress = NO_STRESS,
-) -> ShearPeak:
+    nodes_mm: Floats, pressure_mpa: Floats, shear_mpa: Floats | None, *,
+    within: tuple[float, float, float, float], regular: RegularStress = NO_STRESS,
+) -> ShearPeak:  # fmt: skip
     """Find the largest (sigma_1 - sigma_2)/2 in the material under a window, its surface included.
 
     A scan on graded depths finds the hills, direct sums climb the highest, to 1e-7 of their width.

@@ -102,16 +102,9 @@ class SeriesField:
 
 
 def series_difference(
-    grid: SeriesGrid,
-    *,
-    x_mm: float,
-    z_mm: float,
-    left_mm: float,
-    pressure_mpa: Floats,
-    shear_mpa: Floats | None = None,
-    slopes: bool = False,
-    least_mm: float = 0.0,
-) -> SeriesField:
+    grid: SeriesGrid, *, x_mm: float, z_mm: float, left_mm: float, pressure_mpa: Floats,
+    shear_mpa: Floats | None = None, slopes: bool = False, least_mm: float = 0.0,
+) -> SeriesField:  # fmt: skip
     """(sigma_x - sigma_z) + 2i tau_xz on a lattice of pixels, and with `slopes` its derivatives.
 
     Errs by 2e-7 of the largest traction; the slopes lack those of the repetitions, 1e-3 of them.
@@ -123,21 +116,20 @@ def series_difference(
     first = int(np.searchsorted(depth, max(least_mm, SHALLOWEST * grid.spacing_mm)))
     maps = [np.zeros((grid.rows, grid.cols), np.complex64) for _ in range(3 if slopes else 1)]
     if first < grid.rows:
-        groups, start = [], first
-        while start < grid.rows:  # neighbouring rows that are alike: to four times a depth
-            stop = int(np.searchsorted(depth, 4.0 * depth[start], side="right"))
+        groups, stop = [], first
+        while stop < grid.rows:  # neighbouring rows that are alike: to four times a depth
+            start, stop = stop, int(np.searchsorted(depth, 4.0 * depth[stop], side="right"))
             groups.append(slice(start, stop))
-            start = stop
         few = [_few(depth[rows]) for rows in groups]
         fields = _repeated(
             grid, float(depth[first]), x_mm, left_mm, pressure_mpa, shear_mpa, few, len(maps)
         )
         z, span = np.concatenate(few), (float(depth[0]), float(depth[-1]))
         fields[0] -= _repetitions(grid, x_mm, z, span, left_mm, pressure_mpa, shear_mpa)
-        stops = np.cumsum([len(places) for places in few]).tolist()
-        for rows, places, stop in zip(groups, few, stops, strict=True):
-            for part, made in zip(maps, fields[:, stop - len(places) : stop], strict=True):
-                if len(places) == len(part[rows]):
+        ends = np.cumsum([len(places) for places in few])[:-1]
+        for rows, made_rows in zip(groups, np.split(fields, ends, axis=1), strict=True):
+            for part, made in zip(maps, made_rows, strict=True):
+                if len(made) == len(part[rows]):
                     part[rows] = made
                 else:  # a real matrix times a complex one, by one product of real matrices
                     between = _between(len(part[rows]))
@@ -184,8 +176,7 @@ def _repeated(
             if count > 1:
                 part[1, :, :size] += spectrum * (np.complex64(-1j) * k)
                 part[2, :, :size] += decay * slope - k * spectrum
-    fields = scipy.fft.fft(spectra, axis=2, overwrite_x=True)
-    return np.asarray(fields[..., : grid.cols])
+    return np.asarray(scipy.fft.fft(spectra, axis=2, overwrite_x=True)[..., : grid.cols])
 
 
 def _count(grid: SeriesGrid, depth_mm: float) -> int:
@@ -198,8 +189,7 @@ def _transform(grid: SeriesGrid, values: NDArray[np.number], count: int) -> Comp
     turns = grid.period_mm / grid.spacing_mm
     total = round(turns)
     if abs(total / turns - 1.0) < 1e-12:
-        once = scipy.fft.ifft(values, total, norm="forward")
-        return np.asarray(np.resize(once, count))
+        return np.asarray(np.resize(scipy.fft.ifft(values, total, norm="forward"), count))
     # jn = (j² + n² - (n-j)²)/2 makes a convolution of it; scipy.signal's takes a second to start
     size = scipy.fft.next_fast_len(len(values) + count - 1)
     chirp = np.exp(1j * np.pi / turns * np.arange(max(len(values), count)) ** 2)
@@ -253,14 +243,14 @@ def _power_series() -> tuple[Floats, Floats]:
     """From moments ∫ f τ^k to coefficients of v^d: of Σ_m 1/(v-τ-m) and Σ_m 1/(v-τ-m)², m ≠ 0."""
     from scipy.special import zeta
 
-    size = 2 * _TERMS
-    pairs, poles = np.zeros((size, size)), np.zeros((size, size))
+    pairs, poles = np.zeros((2, 2 * _TERMS, 2 * _TERMS))
     for j in range(1, _TERMS + 1):
         value = 2.0 * float(zeta(2 * j))
-        for m, matrix, factor in ((2 * j - 1, pairs, -value), (2 * j - 2, poles, value)):
+        for m, matrix, factor, times in (
+            (2 * j - 1, pairs, -value, 1.0), (2 * j - 2, poles, value, 2 * j - 1),
+        ):  # fmt: skip
             for k in range(m + 1):
-                sign = (-1.0) ** k * math.comb(m, k)
-                matrix[m - k, k] += factor * sign * (1.0 if matrix is pairs else 2 * j - 1)
+                matrix[m - k, k] += factor * ((-1.0) ** k * math.comb(m, k)) * times
     return pairs, poles
 
 
