@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from isochrome.fringes import ColourShots
-from isochrome.fringes.band_light import NUMBERS, SENSOR
+from isochrome.fringes.colour_table import NUMBERS, SENSOR
 from isochrome.fringes.unknown_light import unknowns
 from isochrome.fringes.windows import ALIKE
 
@@ -30,6 +30,6 @@ def test_a_dark_first_frame_is_no_measure_of_the_others():
     assert known.start[FRAMES] == pytest.approx([0.0, 0.0, np.log(0.7)], abs=0.05)
     assert (known.expected[FRAMES] == 0.0).all()
     # the brightest frame is the measure; the others are free, and expected to be alike
-    held = np.diag(known.hold_at(known.start) - known.hold)[FRAMES]
+    held = np.diag(known.hold_of(known.start) - known.hold)[FRAMES]
     assert held == pytest.approx(1.0 / (ALIKE**2 + known.start[FRAMES] ** 2), rel=1e-12)
     assert np.flatnonzero(np.diag(known.hold)[FRAMES] > 0.0).tolist() == [1]

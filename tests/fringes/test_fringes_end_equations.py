@@ -7,7 +7,7 @@ import pytest
 
 from isochrome.fringes.single_frame import end_search
 from isochrome.fringes.single_frame.background_modulation import _problem
-from isochrome.fringes.single_frame.end_search import TERMS, PatchModel, eliminated, ends_at
+from isochrome.fringes.single_frame.end_search import TERMS, PatchEnds, PatchModel, eliminated
 from isochrome.fringes.single_frame.patches import fit_patches, gather_patches
 
 ROW, COL = np.mgrid[:110, :130].astype(float)
@@ -41,23 +41,19 @@ def test_with_every_patch_following_they_are_those_of_differences(tone):
     per_patch = ("index", "light", "weight", "pixels", "window", "chi")
     data = replace(data, **{name: getattr(data, name)[some] for name in per_patch})
     orders = orders[some]
-    free, here = np.flatnonzero(problem.free), ends_at(data, unknowns)
+    free, here = np.flatnonzero(problem.free), PatchEnds(data, unknowns)
 
     def by_ends(step):
         new = unknowns.copy()
         new[free] += step
-        return PatchModel(data, ends_at(data, new), orders).residual
+        return PatchModel(PatchEnds(data, new), orders).residual
 
     def by_orders(step):
-        return PatchModel(data, here, orders + step).residual
+        return PatchModel(here, orders + step).residual
 
     ends, own = differences(by_ends, len(free)), differences(by_orders, TERMS)
     root = np.sqrt(data.weight)[..., None]
-    ends, own, left = (
-        root * ends,
-        root * own,
-        root[..., 0] * PatchModel(data, here, orders).residual,
-    )
+    ends, own, left = (root * ends, root * own, root[..., 0] * PatchModel(here, orders).residual)
     inner = np.einsum("pka,pkb->pab", own, own)
     inner += np.diag(end_search._PRIOR + end_search._PIVOT)
     mixed = np.einsum("pka,pkb->pab", own, ends)
@@ -68,7 +64,7 @@ def test_with_every_patch_following_they_are_those_of_differences(tone):
     wanted -= np.einsum("pab,pac->bc", mixed, follow[..., :-1])
     slope = np.einsum("pka,pk->a", ends, left) - (prior * away)[free]
     slope -= np.einsum("pab,pa->b", mixed, follow[..., -1])
-    found = eliminated(data, here, orders)
+    found = eliminated(here, orders)
     # differences of the light are good to 1e-9 of it, and the complement takes most of it away
     np.testing.assert_allclose(found.matrix, wanted, rtol=0, atol=1e-6 * np.abs(wanted).max())
     np.testing.assert_allclose(found.slope, slope, rtol=0, atol=1e-5 * np.abs(slope).max())
@@ -87,10 +83,10 @@ def test_a_singular_patch_says_nothing_of_the_light():
     lost = len(orders) // 2
     weight = data.weight.copy()
     weight[lost] = 0.0
-    wanted = eliminated(replace(data, weight=weight), ends_at(data, starts[0]), orders)
+    wanted = eliminated(PatchEnds(replace(data, weight=weight), starts[0]), orders)
     weight = weight.copy()
     weight[lost, 0] = 1e25  # one pixel says everything: ten unknowns, one equation
-    found = eliminated(replace(data, weight=weight), ends_at(data, starts[0]), orders)
+    found = eliminated(PatchEnds(replace(data, weight=weight), starts[0]), orders)
     np.testing.assert_allclose(found.matrix, wanted.matrix, rtol=1e-9)
     scale = np.abs(wanted.slope).max()
     np.testing.assert_allclose(found.slope, wanted.slope, rtol=1e-9, atol=1e-9 * scale)

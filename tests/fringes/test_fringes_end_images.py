@@ -5,7 +5,7 @@ import pytest
 
 from isochrome.benchmarks import load_benchmarks
 from isochrome.fringes import fit_background_modulation, gamma_misfit
-from isochrome.fringes.single_frame import end_images
+from isochrome.fringes.single_frame import background_modulation, end_search
 
 SHAPE = (40, 60)
 OUTSIDE = load_benchmarks("outside_camera")
@@ -18,7 +18,7 @@ def test_a_lamps_spot_and_bar_are_followed(by):
     """The study's own lamps, 1 : 2 : what is left of them is a hundredth of the light."""
     lamp = OUTSIDE._lamp(SHAPE, OUTSIDE.Defects(spot=0.5, bar=0.3))
     lamp = lamp[(by - 1) // 2 :: by, (by - 1) // 2 :: by][: SHAPE[0] // by, : SHAPE[1] // by]
-    images = end_images.binned_light(SHAPE, by, spots=0.1).images.reshape(lamp.size, -1)
+    images = background_modulation.binned_light(SHAPE, by, spots=0.1).images.reshape(lamp.size, -1)
     found = images @ np.linalg.lstsq(images, lamp.ravel(), rcond=None)[0]
     assert np.abs(found - lamp.ravel()).max() < 0.01
 
@@ -39,7 +39,7 @@ def test_a_spot_is_found_where_the_frame_shows_it_and_an_end_is_as_uncertain_as_
     found = fit_background_modulation(*given)
     away = np.abs(found.bright - bright)[20:-20, 20:-20]
     assert np.sqrt(np.mean(away**2)) < 0.01
-    quadratic = end_images.binned_light(LIT, 1).images.reshape(bright.size, -1)
+    quadratic = background_modulation.binned_light(LIT, 1).images.reshape(bright.size, -1)
     left = bright.ravel() - quadratic @ np.linalg.lstsq(quadratic, bright.ravel(), rcond=None)[0]
     assert np.sqrt(np.mean(left**2)) > 0.03
     # over the frame, spots and all: the bright end's pulls
@@ -54,7 +54,7 @@ def test_an_even_lamp_asks_for_no_spots():
     """Slight ones alone are left open, which no lamp is quite without: a hundredth of the light."""
     *given, bright = frame()
     found = fit_background_modulation(*given)
-    quadratic = end_images.binned_light(LIT, 1).images.reshape(bright.size, -1)
+    quadratic = background_modulation.binned_light(LIT, 1).images.reshape(bright.size, -1)
     flat = found.bright.ravel()
     left = flat - quadratic @ np.linalg.lstsq(quadratic, flat, rcond=None)[0]
     assert np.abs(left).max() < 0.005
@@ -77,11 +77,11 @@ def test_a_surface_through_the_crests_is_the_lamp_and_leaves_out_what_is_none(tu
     """A bright line at which the order turns back below a crest lies under the lamp."""
     light, bright = crested(turns_at)
     whole = np.ones(LIT, dtype=bool)
-    lines = end_images.bright_lines(light, np.full(LIT, 0.002), whole)
+    lines = background_modulation.bright_lines(light, np.full(LIT, 0.002), whole)
     on_line = np.isfinite(lines)
     assert 0.01 < on_line.mean() < 0.5
-    smooth = end_images.binned_light(LIT, 1, spots=0.1)
-    terms = end_images.surface_through(lines, smooth.images, smooth.spread, 1.0)
+    smooth = background_modulation.binned_light(LIT, 1, spots=0.1)
+    terms = background_modulation.surface_through(lines, smooth.images, smooth.spread, 1.0)
     away = smooth.sum(terms) - bright
     crest = on_line & (np.abs(np.indices(LIT)[1] - 180) > 20)
     # lines' light is smoothed over 3 px: (2 pi/50 x 3)²/4 = .036 of a crest,
@@ -115,8 +115,8 @@ def test_spots_out_of_view_are_as_large_as_those_in_view(times, within):
     measured = np.where(seen, 1e4, 0.0)
     found = np.where(seen, terms, 0.0)
     narrow = np.diag(1.0 / (precision + measured))
-    larger = end_images.spots_beyond_prior(narrow, found, precision, spots)
-    covariance = end_images.as_spotted(narrow, precision, spots, larger)
+    larger = end_search.spots_beyond_prior(narrow, found, precision, spots)
+    covariance = end_search.as_spotted(narrow, precision, spots, larger)
     ratio = np.sqrt(np.diag(covariance) * precision)
     low, high = within
     rounding = 1e-12

@@ -10,8 +10,7 @@ from test_fringes_free import reading as read_as_it_is
 from isochrome.errors import InputError
 from isochrome.fringes import OrderReading, fit_background_modulation, gamma_misfit, widened
 from isochrome.fringes.single_frame.background_modulation import as_doubtful
-from isochrome.fringes.single_frame.end_images import SmoothImages
-from isochrome.fringes.single_frame.end_search import EndProblem, search_all
+from isochrome.fringes.single_frame.end_search import EndProblem, SmoothImages, search_all
 from specimens import NAMES, View, light_of, shoot, view
 
 RMS, WRONG_SHARE, KEPT = 0.05, 0.005, 0.70

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from isochrome.fringes import FilmLight, KeptState, follow_frame, unloaded_state
-from isochrome.fringes.film_reading import keep_state
-from isochrome.fringes.follower import continued, regained
+from isochrome.fringes.film_reading import continued, keep_state, regained
 
 ROWS, COLS = 90, 120
 NOISE = 0.02

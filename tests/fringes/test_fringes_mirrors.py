@@ -4,8 +4,15 @@ import numpy as np
 import pytest
 from plain_frames import COLS, ROWS, SHAPE, light, read_free
 
-from isochrome.fringes.single_frame.patches import Labels, Patches, fit_patches, gather_patches
-from isochrome.fringes.single_frame.stated_orders import mend_mirrored, open_seams, zero_lines
+from isochrome.fringes.single_frame.patches import (
+    Labels,
+    Patches,
+    fit_patches,
+    gather_patches,
+    mend_mirrored,
+    open_seams,
+    zero_lines,
+)
 
 VALUE, SLOPE = 0.01, 0.003
 """What noise leaves of a patch's order, fringes, and of its slope, fringes a pixel."""

@@ -308,7 +308,7 @@ def test_gaps_are_filled_with_what_least_squares_of_the_rest_gives():
         good[rng.choice(10, pixel % 4, replace=False), pixel] = False
     good[:4, 30] = False  # six left, and seven unknowns
     good[:, 31] = False
-    filled, gain, _ = fill_gaps(np.where(good, light, 0.0), good, design)
+    filled, (gain, _) = fill_gaps(np.where(good, light, 0.0), good, design)
     terms = solve_steps(filled, design)
     assert (filled[good] == light[good]).all()
     told = np.isfinite(gain[:, 0])
@@ -336,7 +336,7 @@ def test_a_pixel_whose_other_frames_tell_badly_is_not_read():
         less = np.diag(np.linalg.inv(part.T @ part)) / np.diag(covariance)
         growth.append(np.sqrt(less[1:].max()))  # the background is not used
     assert growth[0] == pytest.approx(1.0) and max(growth[1:3]) < 2.0 and 5.0 < growth[3] < 10.0
-    _, gain, _ = fill_gaps(np.where(good, 0.5, 0.0), good, design)
+    _, (gain, _) = fill_gaps(np.where(good, 0.5, 0.0), good, design)
     assert gain[:3, 0] == pytest.approx(growth[:3], rel=1e-5) and np.isnan(gain[3, 0])
 
 

@@ -1,9 +1,11 @@
-from .band_light import FOUND_ERROR, band_light, band_scale
 from .colour_order import LOST, ColourReading, read_colour
 from .colour_table import (
+    FOUND_ERROR,
     STEP,
     WIDTH,
     ColourTable,
+    band_light,
+    band_scale,
     measured_table,
     read_table,
     spectral_table,
@@ -13,7 +15,9 @@ from .film_reading import (
     BrightestLight,
     FilmLight,
     FilmPath,
+    FilmState,
     KeptState,
+    follow_frame,
     joined_pixels,
     joined_reading,
     pixels_together,
@@ -21,7 +25,6 @@ from .film_reading import (
     smooth_zero,
     unloaded_state,
 )
-from .follower import FilmState, follow_frame
 from .on_branch import BRANCH, SURE, OrderReading, make_reading, read_order, widened
 from .single_frame.background_modulation import (
     BackgroundModulation,
@@ -32,14 +35,18 @@ from .single_frame.background_modulation import (
     gamma_misfit,
 )
 from .single_frame.free_order import (
+    CLEAR,
+    MOST_COST,
+    STATED_SPREAD,
     FollowedFringes,
     FreeReading,
+    KnownOrders,
+    KnownPlaces,
     common_orders,
     common_reading,
     follow_fringes,
     read_free,
 )
-from .single_frame.stated_orders import CLEAR, MOST_COST, STATED_SPREAD, KnownOrders, KnownPlaces
 from .skeleton import SHORTEST_PX, Skeleton, number_lines, order_contours, skeleton_table, skeletons
 from .step_equations import (
     COSINE,

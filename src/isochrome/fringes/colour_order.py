@@ -1,22 +1,14 @@
 """Fringe order from a colour frame: three-fringe (RGB) photoelasticity.
 
 In light of several wavelengths each order has a colour of its own, as far as the fringes have
-contrast; black in the dark field is N = 0 alone. Each pixel's three signals are compared with a
-calibration table; the branch is chosen with the neighbours (`choose_orders`),
-never by the nearest colour alone. The value then comes from the pixel's neighbourhood by weighted
-least squares over the channels.
-Sources: Ajovalasit, Barone & Petrucci (1995), J. Strain Analysis 30, 29; Quiroga, García-Botella
-& Gómez-Pedrero (2002), Applied Optics 41, 3461, for the guidance by neighbours.
-
-The order of each pixel from the colours around it, on a branch that is chosen already.
-
+contrast; black in the dark field is N = 0 alone. A channel's light is I_c = D_c + A_c s_c(N), D and
+A those of no-load frames, or what the frame itself says of them (`unknown_light`). Each pixel's
+three signals are compared with a calibration table; the branch is chosen with the neighbours
+(`choose_orders`), never by the nearest colour alone. The value then comes from the neighbourhood:
 N = N_branch + d, d = Σ w J r / Σ w J² over a small Gaussian window and all channels, J = ds/dN,
 r = y - s(N), repeated, so that curvature of the order over the window does not shift it.
-
-Colour light to fringe signal: background and illumination taken out of every channel.
-
-A channel's light is I_c = D_c + A_c s_c(N). With no-load frames D and A are theirs; what is missing
-is found from the frame itself (`isochrome.fringes.unknown_light`).
+Sources: Ajovalasit, Barone & Petrucci (1995), J. Strain Analysis 30, 29; Quiroga, García-Botella
+& Gómez-Pedrero (2002), Applied Optics 41, 3461, for the guidance by neighbours.
 """
 
 from dataclasses import dataclass, replace
@@ -44,6 +36,8 @@ from isochrome.fringes.windows import (
     Array,
     Mask,
     beside_jumps,
+    block_means,
+    expanded,
     gaussian_sum,
     masked,
     nearest_known,
@@ -70,34 +64,11 @@ _WINDOW_PX = 1.5
 _LARGEST_STEP = 0.1
 
 
-@dataclass(frozen=True, kw_only=True)
-class ColourValue:
-    """Order of each pixel (rows, cols) with what is needed to judge it.
-
-    `order`; `uncertainty` from noise and the last step; `doubt`, the probability that the branch
-    is another; `agreed`, whether the choice fits its neighbours; `misfit`, residual over noise,
-    and `residual`, its root mean square in full lights, about the pixel; `chi2` of the pixel alone
-    and its `degrees` of freedom.
-    """
-
-    order: Array
-    uncertainty: Array
-    doubt: Array
-    agreed: Mask
-    misfit: Array
-    residual: Array
-    chi2: Array
-    degrees: Array
-
-
-def refine_colour(
-    shown: FrameLight, choice: Choice, factor: int, table: ColourTable
-) -> ColourValue:
-    """Refine orders chosen for blocks of `factor` pixels by the neighbourhood's colours."""
-    trusted = np.isfinite(shown.signal)
-    order, agreed, doubt = _base(choice, factor, trusted.shape[:2])
-    weight = np.where(trusted, 1.0 / shown.variance, 0.0).astype(np.float32)
-    signal = np.nan_to_num(shown.signal).astype(np.float32)
+def _refined(
+    start: Array, signal: Array, weight: Array, table: ColourTable
+) -> tuple[Array, Array, Array, Array]:
+    """Orders as the neighbourhood's colours move them, their last step, table and slope there."""
+    order, step = start, np.zeros_like(start)
     for _ in range(MOVES):
         ideal, slope = _look_up(order, table)
         pull = weight * slope
@@ -107,22 +78,10 @@ def refine_colour(
         )
         step = np.clip(step, -_LARGEST_STEP, _LARGEST_STEP)
         order = np.clip(order + step, -table.highest, table.highest)
-    ideal, slope = _look_up(order, table)
-    square = np.where(trusted, signal - ideal, 0.0) ** 2
-    count = trusted.sum(axis=-1)
-    near = np.maximum(gaussian_sum(count, _WINDOW_PX), 1e-6)
-    chi2 = (weight * square).sum(axis=-1)
-    residual = np.sqrt(gaussian_sum(square.sum(axis=-1), _WINDOW_PX) / near)
-    misfit = np.sqrt(gaussian_sum(chi2, _WINDOW_PX) / near)
-    gain, taken = _kernel(factor)
-    spread = gain * _spread(order, weight, slope, table) * np.maximum(misfit, 1.0)
-    return ColourValue(
-        order=np.abs(order), uncertainty=np.hypot(spread, step), doubt=doubt, agreed=agreed,
-        misfit=misfit, residual=residual, chi2=chi2, degrees=np.maximum(count - taken, 0.0),
-    )  # fmt: skip
+    return order, step, *_look_up(order, table)
 
 
-def _base(choice: Choice, factor: int, shape: tuple[int, ...]) -> tuple[Array, Mask, Array]:
+def _base(choice: Choice, factor: int, shape: tuple[int, int]) -> tuple[Array, Mask, Array]:
     """A smooth start for the pixels, whether it is to be trusted, and the doubt in its branch."""
     known = np.isfinite(choice.order)
     if not known.any():
@@ -138,14 +97,8 @@ def _base(choice: Choice, factor: int, shape: tuple[int, ...]) -> tuple[Array, M
     chi2 = gaussian_sum(np.where(known, choice.misfit, 0.0), _WINDOW_PX) / count
     evidence = gaussian_sum(np.where(known, choice.margin, 0.0), _WINDOW_PX)
     doubt = np.exp(-0.5 * np.clip(evidence / np.maximum(0.5 * chi2, 1.0), 0.0, 200.0))
-    rows, cols = (
-        np.clip((np.arange(n) + 0.5) / factor - 0.5, 0, m - 1)
-        for n, m in zip(shape, filled.shape, strict=True)
-    )
-    grid = np.meshgrid(rows, cols, indexing="ij")
-    base = ndimage.map_coordinates(smooth, grid, order=1, mode="nearest")
-    inside = tuple(np.rint(g).astype(int) for g in grid)
-    return base, agreed[inside], doubt[inside]
+    inside = np.ix_(*(np.arange(n) // factor for n in shape))
+    return expanded(smooth, shape, factor), agreed[inside], doubt[inside]
 
 
 def _look_up(order: Array, table: ColourTable) -> tuple[Array, Array]:
@@ -181,9 +134,9 @@ def _spread(order: Array, weight: Array, slope: Array, table: ColourTable) -> Ar
 def _kernel(factor: int) -> tuple[float, float]:
     """Noise of the order over that of one pooling, and the freedom it takes from each pixel.
 
-    Repeated poolings let finer structure through: what they leave of a wave of frequency f is
-    1 - Π (1 - G_i(f)) of it, G_i the windows' transfer. With h the kernel of that, a residual
-    keeps 1 - 2 h(0) + Σ h² of the noise along dI/dN.
+    What repeated poolings leave of a wave of frequency f is 1 - Π (1 - G_i(f)) of it, G_i the
+    windows' transfer. With h the kernel of that, a residual keeps 1 - 2 h(0) + Σ h² of the noise
+    along dI/dN.
     """
     f = np.linspace(0.0, 0.5, 257)[:, None]
     squared = 2.0 * np.pi**2 * (f**2 + f.T**2)
@@ -198,7 +151,6 @@ LOST = 0.04
 """Share of pixels whose colours are not the table's from which on nothing is read or calibrated:
 frames that the table describes leave 0.6 % at most, or 3 % where loads stand, a wrong spectrum,
 response or gamma 5 % on."""
-
 _LARGEST_DOUBT = 0.02
 _LARGEST_RESIDUAL = 0.05
 _UNLIT_PX = 6
@@ -221,15 +173,10 @@ class ColourReading(OrderReading):
 
 
 def read_colour(
-    light: Array,
-    table: ColourTable,
-    *,
-    sigma: Array | float,
-    dark: Array | None = None,
-    bright: Array | None = None,
-    valid: Mask | None = None,
-    specimen: Mask | None = None,
-) -> ColourReading:
+    light: Array, table: ColourTable,
+    *, sigma: Array | float, dark: Array | None = None, bright: Array | None = None,
+    valid: Mask | None = None, specimen: Mask | None = None,
+) -> ColourReading:  # fmt: skip
     """Read the absolute order of a linear colour frame (rows, cols, channels) by its table.
 
     Not known: fewer than two channels trusted; a branch in doubt by over 2 %; over 0.03 fringe of
@@ -249,33 +196,45 @@ def read_colour(
     )  # fmt: skip
     factor = 2 if trusted[..., 0].size >= BLOCKS else 1
     choice = choose_orders(*_blocks(shown, factor), table)
-    value = refine_colour(shown, choice, factor, table)
     trusted = np.isfinite(shown.signal)
-    uncertainty = np.sqrt(value.uncertainty**2 + shown.order_variance)
-    readable = (trusted.sum(axis=-1) >= 2) & (np.hypot(*np.gradient(value.order)) < STEEPEST)
+    start, agreed, doubt = _base(choice, factor, trusted.shape[:2])
+    weight = np.where(trusted, 1.0 / shown.variance, 0.0).astype(np.float32)
+    signal = np.nan_to_num(shown.signal).astype(np.float32)
+    order, step, ideal, slope = _refined(start, signal, weight, table)
+    # residual over noise, and its root mean square in full lights, about each pixel
+    square = np.where(trusted, signal - ideal, 0.0) ** 2
+    count = trusted.sum(axis=-1)
+    near = np.maximum(gaussian_sum(count, _WINDOW_PX), 1e-6)
+    chi2 = (weight * square).sum(axis=-1)
+    residual = np.sqrt(gaussian_sum(square.sum(axis=-1), _WINDOW_PX) / near)
+    misfit = np.sqrt(gaussian_sum(chi2, _WINDOW_PX) / near)
+    gain, taken = _kernel(factor)
+    spread = gain * _spread(order, weight, slope, table) * np.maximum(misfit, 1.0)
+    order, noise_off = np.abs(order), np.hypot(spread, step)
+    uncertainty = np.sqrt(noise_off**2 + shown.order_variance)
+    readable = (count >= 2) & (np.hypot(*np.gradient(order)) < STEEPEST)
     span = max(1.0, float(np.ptp(table.signal)))
-    described = (value.misfit < 2.0) | (value.residual < _LARGEST_RESIDUAL * span)
+    described = (misfit < 2.0) | (residual < _LARGEST_RESIDUAL * span)
     pixels = max(int(np.count_nonzero(readable)), 1)
     strange = float(np.count_nonzero(readable & ~described) / pixels)
     lost = strange >= LOST
-    highest = table.highest_of(LARGEST_MISFIT)
-    known = readable & described & value.agreed & (value.order < highest) & (not lost)
-    known &= (value.doubt < _LARGEST_DOUBT) & (uncertainty < LARGEST_UNCERTAINTY)
+    known = readable & described & agreed & (order < table.highest_of(LARGEST_MISFIT)) & (not lost)
+    known &= (doubt < _LARGEST_DOUBT) & (uncertainty < LARGEST_UNCERTAINTY)
     # only the frame says where light is: black places might be no specimen at all
     if bright is None and specimen is None:
-        core = ndimage.distance_transform_edt(value.order < SURE) > _UNLIT_PX
+        core = ndimage.distance_transform_edt(order < SURE) > _UNLIT_PX
         if core.any():
             known &= ndimage.distance_transform_edt(~core) > _UNLIT_PX + 4
     # without what is beside a jump of the order
-    known &= ~ndimage.binary_dilation(beside_jumps(value.order), iterations=2)
-    sure = probability(uncertainty) * (1.0 - value.doubt)
-    degrees = float(value.degrees[readable].sum(dtype=float))
+    known &= ~ndimage.binary_dilation(beside_jumps(order), iterations=2)
+    sure = probability(uncertainty) * (1.0 - doubt)
+    degrees = float(np.maximum(count - taken, 0.0)[readable].sum(dtype=float))
     body = int(np.count_nonzero(lit if specimen is None else specimen))
     return ColourReading(
-        order=masked(value.order, known), uncertainty=masked(uncertainty, known),
+        order=masked(order, known), uncertainty=masked(uncertainty, known),
         confidence=np.where(known, sure, 0.0).astype(np.float32),
         kept=float(np.count_nonzero(known) / max(body, 1)), signal=shown.signal,
-        chi=float(np.sqrt(value.chi2[readable].sum(dtype=float) / max(degrees, 1.0))),
+        chi=float(np.sqrt(chi2[readable].sum(dtype=float) / max(degrees, 1.0))),
         blind=dark is None or bright is None,
         noise=float(np.sqrt(np.median(shown.variance[trusted]))) if trusted.any() else float("nan"),
         strange=strange, lost=lost, exposure=shown.exposure,
@@ -287,17 +246,16 @@ def _blocks(shown: FrameLight, factor: int) -> tuple[Array, Array]:
     if factor == 1:
         return shown.signal, shown.variance
     trusted = np.isfinite(shown.signal)
-    count = _sums(trusted.astype(np.float32), factor)
-    signal = _sums(np.nan_to_num(shown.signal), factor)
-    variance = _sums(np.where(trusted, shown.variance, 0.0), factor)
-    some = np.maximum(count, 1.0)
-    variance = np.where(count > 0.0, variance / some**2 + LIGHT_ERROR**2, 1.0)
-    return np.where(count > 0.0, signal / some, np.nan), variance
-
-
-def _sums(values: Array, factor: int) -> Array:
-    """Sums (rows, cols, channels) over blocks of pixels, which at the rim hold fewer of them."""
-    values = np.pad(values, [*((0, -n % factor) for n in values.shape[:2]), (0, 0)])
-    rows, cols, channels = values.shape
-    blocks = values.reshape(rows // factor, factor, cols // factor, factor, channels)
-    return np.asarray(blocks.sum(axis=(1, 3)))
+    shape = shown.signal.shape[:2]
+    rim = [*((0, -n % factor) for n in shape), (0, 0)]  # whose blocks hold fewer pixels
+    share, signal, variance = (
+        block_means(np.pad(part, rim), factor)
+        for part in (
+            trusted.astype(np.float32),
+            np.nan_to_num(shown.signal),
+            np.where(trusted, shown.variance, 0.0),
+        )
+    )
+    some, pixels = np.maximum(share, factor**-2.0), np.float32(factor**2)
+    variance = np.where(share > 0.0, variance / (some**2 * pixels) + LIGHT_ERROR**2, 1.0)
+    return np.where(share > 0.0, signal / some, np.nan), variance

@@ -1,16 +1,22 @@
 """The calibration table of colour photoelasticity: the channels' signals against fringe order.
 
-The table comes from the forward model's spectrum, or from a specimen whose order is known at every
-pixel, such as a beam in bending, where it is linear over the height.
+The table comes from the forward model's spectrum, from a specimen whose order is known at every
+pixel, such as a beam in bending, where it is linear over the height, or, for light that nobody
+measured, from a few numbers. Each channel's light is then a band that is Gaussian over the
+wavelength, and the channels are mixed by the camera (crosstalk, and the camera's own colour
+correction, which is negative):
 
-A colour table as a CSV file: fringe_order, red, green, blue, and the table's own scatter.
+    s_k(N) = ∫ g(e) (1 - cos(2 pi N r_k/(1 + b_k e))) de / 2,   t_c(N) = Σ_k M_ck s_k(N) >= 0
 
-Which order each pixel's colour stands for: candidates, and the choice among neighbours.
+with g the normal distribution, r_k = l0/l_k the ratio of the reference to the band's centre, b_k
+its relative width, and the rows of M of sum 1. N counts at the green band's centre: r_green = 1.
 
-A colour that noise has moved may lie near the table at several orders. Each pixel keeps all of
-them; the choice is the surface that costs least in misfit and in jumps from pixel to pixel, which
-is found along rows and columns in both directions and summed.
-Source of the summed scan lines: Hirschmüller (2008), IEEE TPAMI 30, 328.
+Which order each pixel's colour stands for: a colour that noise has moved may lie near the table at
+several orders. Each pixel keeps all of them; the choice is the surface that costs least in misfit
+and in jumps from pixel to pixel, which is found along rows and columns in both directions and
+summed.
+Sources: Ajovalasit, Barone & Petrucci (1995), J. Strain Analysis 30, 29, for the integral over the
+band; Hirschmüller (2008), IEEE TPAMI 30, 328, for the summed scan lines.
 """
 
 from collections.abc import Iterator
@@ -23,6 +29,7 @@ import numpy as np
 from scipy.ndimage import correlate1d
 
 from isochrome.errors import InputError
+from isochrome.estimation import STEP as DIFFERENCE
 from isochrome.frames import CHANNELS
 from isochrome.fringes.windows import Array, Indices, Mask
 from isochrome.messages import message
@@ -32,13 +39,10 @@ from isochrome.scene import Polariscope
 
 STEP = 1.0 / 256.0
 """Of a table over N: straight pieces hold cos 2 pi k N to (2 pi k/256)²/16, 9e-5 at k = 1.5."""
-
 LOWEST_CONTRAST = 0.02
 """Contrast of the fringes, of full light, below which a table ends: all colours are white there."""
-
 LARGEST_ORDER = 12.0
 """Where a table ends at the latest: separate lines never lose their contrast."""
-
 _DIRECTIONS = 16
 WIDTH = 0.02
 """Standard deviation of the Gaussian over which a measured table is pooled, fringes."""
@@ -81,12 +85,6 @@ class ColourTable:
         """Rows of the table that are nearest to orders (fringes)."""
         return np.clip(np.rint(order / STEP), 0, len(self.signal) - 1).astype(np.intp)
 
-    def coloured(self, signal: Array, contrast: float) -> Mask:
-        """Where signals (..., channels) stand out from white by a contrast, of full light."""
-        if self.white is None:
-            return np.ones(signal.shape[:-1], dtype=bool)
-        return np.asarray((np.abs(np.nan_to_num(signal) - self.white) > contrast).any(axis=-1))
-
     @property
     def slope(self) -> Array:
         """ds/dN (orders, channels), by central differences; 0 at N = 0, where s is even."""
@@ -104,7 +102,7 @@ def spectral_table(polariscope: Polariscope, response: Response) -> ColourTable:
     """The table from the spectrum of the light, Σ_s w_cs I(N l0/l_s), and the mean over directions.
 
     It ends where the last contrast is 2 % of full light, at N = 12 at the latest. InputError for a
-    blind channel. Source: Ajovalasit, Barone & Petrucci (1995), J. Strain Analysis 30, 29.
+    blind channel.
     """
     order = STEP * np.arange(int(np.ceil(LARGEST_ORDER / STEP)) + 1)
     light = make_light(polariscope, response, highest_order=LARGEST_ORDER)
@@ -166,11 +164,9 @@ def measured_table(signal: Array, order: Array) -> ColourTable:
 
 
 SPREADS = tuple(f"{name}_spread" for name in CHANNELS)
-
 LARGEST_SIGNAL = 3.0
 """Of full light: a camera that corrects its colours passes 1 where a channel is purest, and where
 full light would saturate the frames, 1 stands for less of it."""
-
 _COARSEST = 0.05
 _MOST_SPREAD = 0.3
 
@@ -187,9 +183,9 @@ def table_columns(table: ColourTable) -> dict[str, Any]:
 def read_table(path: Path) -> ColourTable:
     """Read a colour table, on the steps that it is used with; straight lines lie between its rows.
 
-    Columns fringe_order (rising from 0, fringes), red, green, blue (1 = full light), and if there
-    are any red_spread, green_spread, blue_spread, the standard deviation of frames about the table.
-    InputError names the file, what is wrong and the fix.
+    Columns fringe_order (from 0, fringes), red, green, blue (1 = full light), and if there are any
+    red_spread, green_spread, blue_spread, frames' deviation about it. InputError names what is
+    wrong.
     """
     fix = message("make_isochrome_calibrate_colour")
     if path.exists():
@@ -233,11 +229,9 @@ def _faults(order: Array, signal: Array, spread: Array) -> Iterator[str]:
 CANDIDATES = 5
 COST_OF_SLOPE = 20.0
 """Misfit (chi²) that a fringe from pixel to pixel weighs as much as."""
-
 COST_OF_JUMP = 30.0
 FARTHEST = 60.0
 """Misfit, above the best candidate's, beyond which a pixel has no further candidate."""
-
 _EVERY = 8
 _BLOCK = 16_384
 
@@ -246,26 +240,19 @@ _BLOCK = 16_384
 class Choice:
     """The chosen order (rows, cols), NaN where the pixel has no trusted channel pair.
 
-    `misfit`, chi² of the chosen candidate; `margin`, chi² by which the best other candidate, or
-    the white of higher orders, lies above it (negative where the neighbours overruled the pixel).
+    `misfit`, its chi²; `margin`, chi² by which the best other candidate, or the white of higher
+    orders, lies above it (negative where the neighbours overruled the pixel).
     """
 
     order: Array
     misfit: Array
     margin: Array
 
-    @property
-    def rough(self) -> float:
-        """What the order's changes from pixel to pixel cost, chi²."""
-        changes = (COST_OF_SLOPE * np.abs(np.diff(self.order, axis=axis)) for axis in (0, 1))
-        return sum(float(np.nansum(np.minimum(change, COST_OF_JUMP))) for change in changes)
-
 
 def candidate_orders(signal: Array, weight: Array, table: ColourTable) -> tuple[Array, Array]:
-    """Orders at which a colour is nearest to the table: minima of chi² = Σ_c w_c (y_c - s_c(N))².
+    """Minima of chi² = Σ_c w_c (y_c - s_c(N))², their orders and chi² (n, candidates), best first.
 
-    Orders and chi² (n, candidates), the best first, infinite where there are fewer; weight 0 where
-    a channel is not to be trusted.
+    Infinite where there are fewer; weight 0 where a channel is not to be trusted.
     """
     coarse = table.signal[::_EVERY]
     step = STEP * _EVERY
@@ -308,10 +295,7 @@ def _minima(chi2: Array, step: float) -> tuple[Array, Array]:
 
 
 def choose_orders(signal: Array, variance: Array, table: ColourTable) -> Choice:
-    """Choose each pixel's order among its candidates, guided by its neighbours.
-
-    A pixel with fewer than two trusted channels (not NaN) has no order.
-    """
+    """Choose an order of each pixel of two trusted channels (not NaN), guided by neighbours."""
     rows, cols, channels = signal.shape
     trusted = np.isfinite(signal)
     weight = np.where(trusted, 1.0 / variance, 0.0).reshape(-1, channels)
@@ -355,3 +339,103 @@ def _scan(order: Array, penalty: Array, known: Mask) -> Array:
         best -= best.min(axis=1, keepdims=True)
         text[line] = np.where(known[line - 1][:, None], best, 0.0)
     return text
+
+
+_PLACES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(48)
+_WEIGHTS = _WEIGHTS / _WEIGHTS.sum()
+_OFF_DIAGONAL = np.nonzero(~np.eye(3, dtype=bool))
+
+
+def _numbers(ratio: Any, width: Any, mixing: Any) -> Array:
+    """The 2 ratios, 3 widths and 6 terms of the mixing that describe a light."""
+    parts = zip((ratio, width, mixing), (2, 3, 6), strict=True)
+    return np.concatenate([np.broadcast_to(part, count) for part, count in parts])
+
+
+_RATIO, _WIDTH = np.log(540.0 / np.array([600.0, 460.0])), np.log(0.06)
+_CORRECTED_MIXING = (-1.5, 0.1, -0.5, -0.15, -0.05, -0.1)
+"""That of the sRGB signals of equal-energy light (IEC 61966-2-1)."""
+SENSOR = _numbers(_RATIO, _WIDTH, 0.0)
+"""Numbers of a bare sensor in equal-energy white light, whose channels do not mix."""
+CORRECTED = _numbers(_RATIO, _WIDTH, _CORRECTED_MIXING)
+"""Numbers of a camera that corrects its colours for a display (sRGB)."""
+LIKELY = _numbers(0.05, 0.4, 0.2)
+"""Expected deviations of a light's numbers from one of these."""
+NUMBERS = len(LIKELY)
+FOUND_ERROR = 0.03
+"""How far a found light's signals are taken to be off, of full light."""
+
+
+@dataclass(frozen=True)
+class BandLight:
+    """The bands of red, green and blue: the reference over the centre, width over the centre.
+
+    `mixing` (3, 3), rows of sum 1: what each channel takes from each band.
+    """
+
+    ratio: Array
+    width: Array
+    mixing: Array
+
+    def bands(self, order: Array, *, bright: bool = False) -> Array:
+        """Light s (n, 3) of the bands at orders N (n,); `bright`, in the bright field."""
+        centres = zip(self.ratio, self.width, strict=True)
+        turns = (ratio / np.maximum(1.0 + width * _PLACES, 0.3) for ratio, width in centres)
+        waves = [np.cos(2.0 * np.pi * np.outer(order, each)) @ _WEIGHTS for each in turns]
+        return np.asarray(0.5 + (0.5 if bright else -0.5) * np.stack(waves, axis=1))
+
+
+def band_light(numbers: Array) -> BandLight:
+    """The light of its numbers (11,): log r of red and blue, log b of all, M off its diagonal."""
+    red, blue = np.exp(numbers[:2])
+    mixing = np.zeros((3, 3))
+    mixing[_OFF_DIAGONAL] = numbers[5:11]
+    mixing += np.diag(1.0 - mixing.sum(axis=1))
+    return BandLight(np.array([red, 1.0, blue]), np.exp(numbers[2:5]), mixing)
+
+
+def band_table(numbers: Array, *, bright: bool, highest_order: float) -> tuple[ColourTable, Array]:
+    """A light's table, up to where its last contrast fades, and how it changes (orders, 3, 11).
+
+    By the numbers of `band_light`. What a camera cannot show, less than no light, is 0.
+    """
+    order = STEP * np.arange(int(np.ceil(highest_order / STEP)) + 1)
+    light = band_light(numbers)
+    bands = light.bands(order, bright=bright)
+    plain = bands @ light.mixing.T
+    last = end_of_contrast(plain)
+    table = np.maximum(plain, 0.0)[:last]
+    change = np.zeros((last, 3, NUMBERS))
+    for i in range(5):
+        step = np.zeros(NUMBERS)
+        step[i] = DIFFERENCE
+        ahead, behind = (
+            band_light(numbers + s).bands(order[:last], bright=bright) for s in (step, -step)
+        )
+        change[..., i] = (ahead - behind) @ light.mixing.T / (2.0 * DIFFERENCE)
+    rows, cols = _OFF_DIAGONAL
+    change[:, rows, 5 + np.arange(6)] = bands[:last, cols] - bands[:last, rows]
+    change *= (plain[:last] > 0.0)[..., None]
+    return ColourTable(table, np.zeros(3)), change
+
+
+def band_scale(order: Array, signal: Array, *, bright: bool = False) -> float:
+    """How much light signals (n, 3) at known orders have over those of a light of three bands.
+
+    Of signals that are known up to one factor: light of any bands is half full on the mean over
+    many orders, so that bands and factor are found together.
+    """
+    from scipy.optimize import least_squares
+
+    def misfit(unknowns: Array, start: Array) -> Array:
+        light = band_light(unknowns[:NUMBERS])
+        model = light.bands(order, bright=bright) @ light.mixing.T
+        away = (signal - np.exp(unknowns[NUMBERS]) * model) / FOUND_ERROR
+        return np.concatenate([away.ravel(), (unknowns[:NUMBERS] - start) / LIKELY])
+
+    top = float(np.log(np.percentile(signal, 98.0)))
+    ends = [
+        least_squares(misfit, np.append(start, top), args=(start,), max_nfev=40)
+        for start in (SENSOR, CORRECTED)
+    ]
+    return float(np.exp(min(ends, key=lambda end: float(end.cost)).x[NUMBERS]))

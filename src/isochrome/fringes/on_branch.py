@@ -7,20 +7,18 @@ squares, d = Σ w J r / Σ w J², r = (I - A f - C)/sigma, J = (A/sigma) df/dN, 
 Pooling over a few pixels is what lifts the answer above a single pixel's noise, which has no
 answer at all on the crests, where df/dN = 0.
 
-Light that neither a model nor no-load frames hold: a lamp's reflection, a smear, dust.
-
-Light that is added to a fringe's flank moves the order that is read there, e/(df/dN), and leaves no
-trace: only a crest, where no order answers to it, shows it. What a shift of the order leaves of the
-light, r - J Σ w J r / Σ w J², is therefore compared with what it leaves of an even light of unit
-size, q = o - J Σ w J o / Σ w J²: e = Σ w q r / Σ w q², over windows of several widths, of which the
-one that says most counts. Where no crest is within reach nothing tells such light from stress that
-the model lacks: there a bump of the order, narrower than its surroundings make likely, is doubt.
+Light that is added to a fringe's flank (a lamp's reflection, a smear, dust) moves the order that is
+read there, e/(df/dN): only a crest, where no order answers to it, shows it. What a shift of the
+order leaves of the light, r - J Σ w J r / Σ w J², is therefore compared with what it leaves of an
+even light of unit size, q = o - J Σ w J o / Σ w J²: e = Σ w q r / Σ w q², over windows of several
+widths, of which the one that says most counts. Where no crest is within reach nothing tells such
+light from stress that the model lacks: there a bump of the order, narrower than its surroundings
+make likely, is doubt.
 """
-
-from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 from scipy.special import erf
 
@@ -59,9 +57,9 @@ def stray_variance(
 ) -> Array:
     """Variance (rows, cols), fringes², of an order by light that was added to the fringes.
 
-    Equations: the module's. `residual`, the light less the model's; `slope` J, its change with the
-    order; `even`, with light of the size of the contrast; all over the noise, nought where masked.
-    `shift` was taken out before, by a model of the specimen; without one a bump is the order's own.
+    `residual`, the light less the model's; `slope` J, its change with the order; `even`, with light
+    of the size of the contrast; all over the noise, nought where masked. `shift` was taken out
+    before, by a model of the specimen; without one a bump is the order's own.
     """
     residual, slope, even = (
         np.ascontiguousarray(part, dtype=np.float32) for part in (residual, slope, even)
@@ -77,12 +75,11 @@ def stray_variance(
         means["slope light"] += moved * means["slope"]
         means["even light"] += moved * means["slope even"]
     pairs = _Blocks(2, means)
-    of_even = pairs.shift("even", WINDOW_PX)
-    size, open_ = pairs.told(of_even, pairs.shift("light", WINDOW_PX), _STEADY_PX)
+    of_even, of_light = pairs.shifts(WINDOW_PX)
+    size, open_ = pairs.told(of_even, of_light, _STEADY_PX)
     wider, shape = _Blocks(4, {name: halved(mean) for name, mean in means.items()}), size.shape
     for k, follow in enumerate(_FOLLOWED_PX, start=1):
-        bent = wider.bent("even", follow), wider.bent("light", follow)
-        clear, variance = wider.told(*bent, 2.0**k * _STEADY_PX)
+        clear, variance = wider.told(*wider.bent(follow), 2.0**k * _STEADY_PX)
         np.maximum(size, expanded(clear, shape, 2), out=size)
         if k == 1:  # crests that are near
             np.minimum(open_, expanded(variance, shape, 2), out=open_)
@@ -94,24 +91,18 @@ def stray_variance(
 
 
 class _Blocks:
-    """Means over blocks of pixels of the products of slope J, even light o, and light r.
+    """Means over blocks of the products of slope J, even light o, and light r.
 
     What shifts s and t leave of o and r is multiplied out, (o - J s)(r - J t) = o r - J o t - J r s
     + J J s t: shifts of wide windows change little within a block.
     """
 
     def __init__(self, side: int, means: dict[str, Array]) -> None:
-        """`side` of a block, pixels; `means` (rows, cols) of each product, by its name."""
         self._side, self._means = side, means
         self._windows = {name: Windows(mean, side) for name, mean in means.items()}
-        self._information: dict[float, Array] = {}
 
     def told(self, of_even: Array, of_light: Array, steady: float) -> tuple[Array, Array]:
-        """Square of an even light that is surely there (rows, cols), and the variance of it.
-
-        From what shifts of the order, `of_even` and `of_light`, leave of the even light and of the
-        light; the window over which the light is even, `steady`, pixels.
-        """
+        """Square of an even light that is surely there over `steady` pixels, and its variance."""
         mean = self._means
         shown = mean["even"] - of_even * (2.0 * mean["slope even"] - of_even * mean["slope"])
         np.maximum(shown, 0.0, out=shown)  # a mean of squares, but for rounding
@@ -128,54 +119,42 @@ class _Blocks:
 
     def bump(self) -> Array:
         """Square of how far the order differs from its surroundings, beyond the noise."""
-        fine = self.shift("light", _STEADY_PX)
+        informed = self._windows["slope"].sum(_STEADY_PX) + np.float32(BRANCH**-2)
         noise = self._windows["slope"].sum(_STEADY_PX / np.sqrt(2.0))
-        informed = self._informed(_STEADY_PX)
-        away = fine - self.bent("light", _AROUND_PX)
+        away = self._windows["slope light"].sum(_STEADY_PX) / informed - self.bent(_AROUND_PX)[1]
         away *= away
         away -= _SURELY * noise / (informed * informed)
         return np.asarray(np.maximum(away, 0.0) / np.float32(_SHOWN**2))
 
-    def bent(self, light: str, width_px: float) -> Array:
-        """The shift, over a wide window twice, less that of √2 its width: the order may bend."""
-        wider = self.shift(light, np.sqrt(2.0) * width_px)
-        return np.asarray(2.0 * self.shift(light, width_px) - wider)
+    def bent(self, width_px: float) -> tuple[Array, Array]:
+        """The shifts, over a wide window twice, less those of √2 its width: the order may bend."""
+        narrow, wide = self.shifts(width_px), self.shifts(np.sqrt(2.0) * width_px)
+        return 2.0 * narrow[0] - wide[0], 2.0 * narrow[1] - wide[1]
 
-    def shift(self, light: str, width_px: float) -> Array:
-        """The shift of the order (rows, cols) that answers to a light over a window, fringes."""
-        return self._windows[f"slope {light}"].sum(width_px) / self._informed(width_px)
-
-    def _informed(self, width_px: float) -> Array:
-        """Inverse variance of such a shift."""
-        if width_px not in self._information:
-            summed = self._windows["slope"].sum(width_px)
-            self._information[width_px] = summed + np.float32(BRANCH**-2)
-        return self._information[width_px]
+    def shifts(self, width_px: float) -> tuple[Array, Array]:
+        """Shifts of the order (rows, cols), fringes, that answer to the even light and to light."""
+        informed = self._windows["slope"].sum(width_px) + np.float32(BRANCH**-2)
+        even, light = (self._windows[f"slope {one}"].sum(width_px) for one in ("even", "light"))
+        return even / informed, light / informed
 
 
 BRANCH = 0.25
 """Half of a branch of sin², in fringes: a reading farther from the model has left its branch, and
 so much is expected of a shift before anything is known."""
-
 NOTABLE = 0.02
 """Share of what could be read that is too small to speak of."""
-
 SURE = 0.05
 """The error, in fringes, that `confidence` is the probability to stay within."""
-
 _ONE = 4.0
 """From which on an error function is 1 to 2e-8."""
 _ERRORS = erf(np.arange(0.0, _ONE, 2.0**-14)).astype(np.float32)
-
 LARGEST_UNCERTAINTY = 0.03
 """Of an order that counts as known, fringes."""
-
 WINDOW_PX = 1.7
 """Over which an order is pooled."""
 AT_REST = 0.002
 """Root mean square of a difference of orders, fringes, that is none: a third of what the noise
 leaves of an order."""
-
 LARGEST_MISFIT = 0.1
 """Of the light, over the contrast, where it tells an order."""
 STEEPEST = 0.25
@@ -195,24 +174,16 @@ class OrderReading:
 
 
 def read_order(
-    light: Array,
-    model_order: Array,
-    wave: FringeWave,
-    *,
-    illumination: Array,
-    background: Array,
-    sigma: Array,
-    valid: Mask,
-) -> OrderReading:
+    light: Array, model_order: Array, wave: FringeWave,
+    *, illumination: Array, background: Array, sigma: Array, valid: Mask,
+) -> OrderReading:  # fmt: skip
     """Read the fringe order of each pixel on the branch of a fitted model (NaN off the specimen).
 
     Not known: masked; over 0.03 fringe from the neighbourhood's noise and light that is not the
     fringes'; light and model apart by over a tenth of the contrast and twice the noise; a reading
-    that leaves its branch; fringes finer than four pixels. `wave`: the ideal signal about the
-    model's order; illumination A, background C and sigma are in the light's unit.
+    that leaves its branch; fringes finer than four pixels. `wave`: the signal about the model's
+    order.
     """
-    import cv2
-
     material = np.isfinite(model_order)
     model, noise, amplitude = (
         np.ascontiguousarray(part, dtype=np.float32) for part in (model_order, sigma, illumination)
@@ -221,10 +192,27 @@ def read_order(
     per_noise = weight / noise
     gain = amplitude * per_noise
     fringed = (light - background).astype(np.float32, copy=False) * per_noise
-    on_branch = _OnBranch(fringed, gain, wave, material)
+    height, turns = np.asarray(wave.cosine), wave.turns
+    if wave.sine is not None:  # a cos s and a sin s of the wave a cos(t - s)
+        size, lag = cv2.cartToPolar(height, wave.sine)
+        height, turns = np.asarray(size), turns - np.asarray(lag)
+    height, turns, varying = (
+        np.ascontiguousarray(part if material.all() else masked(part, material, 0.0), np.float32)
+        for part in (gain * height, turns, fringed - gain * wave.mean)
+    )
+
+    def light_and_slope(shift: Array) -> tuple[Array, Array]:
+        """Light less the signal's at a shift d from the branches, over its noise, and its slope."""
+        angle = shift * np.float32(2.0 * np.pi)
+        angle += turns
+        # both in a quarter of the time of np.sin and np.cos, to 2e-7
+        light, slope = cv2.polarToCart(height, angle)
+        slope *= np.float32(-2.0 * np.pi)
+        return np.subtract(varying, light, out=light), slope
+
     smooth = np.zeros(model.shape, dtype=np.float32)
     for _ in range(MOVES):  # over wide windows, whose moves are smooth: on blocks of two pixels
-        residual, slope = on_branch.light_and_slope(smooth)
+        residual, slope = light_and_slope(smooth)
         residual *= slope
         slope *= slope
         information = Windows(halved(slope), 2).sum(WIDE_PX)
@@ -232,12 +220,12 @@ def read_order(
         smooth += expanded(step, model.shape, 2)
         if float(np.vdot(step, step)) < AT_REST**2 * step.size:
             break  # the model was as near
-    before, slope = on_branch.light_and_slope(smooth)
+    before, slope = light_and_slope(smooth)
     square = slope * slope
     information = gaussian_sum(square, WINDOW_PX)
     shift = smooth + _move(information, gaussian_sum(slope * before, WINDOW_PX))
     # what an order errs by changes little from pixel to pixel, but for how steep its own fringe is
-    residual, _ = on_branch.light_and_slope(shift)
+    residual, _ = light_and_slope(shift)
     residual *= residual
     count = np.maximum(Windows(halved(weight), 2).sum(WINDOW_PX), 1e-6)
     misfit = Windows(halved(residual), 2).sum(WINDOW_PX) / count  # squared, as its noise
@@ -257,39 +245,6 @@ def read_order(
     )
     shift += model
     return make_reading(np.abs(shift, out=shift), uncertainty, known, of=material)
-
-
-class _OnBranch:
-    """Light less a signal's near the branches of a model, over its noise, and the signal's slope.
-
-    About a branch N, at a distance d, the light is the signal's mean and a cos(t + 2 pi d).
-    """
-
-    def __init__(self, light: Array, gain: Array, wave: FringeWave, material: Mask) -> None:
-        """`light` and `gain` over the noise, nought where masked; `wave` about the branches."""
-        import cv2
-
-        height, turns = np.asarray(wave.cosine), wave.turns
-        if wave.sine is not None:  # a cos s and a sin s of the wave a cos(t - s)
-            size, lag = cv2.cartToPolar(height, wave.sine)
-            height, turns = np.asarray(size), turns - np.asarray(lag)
-        self._height, self._turns, self._rest = (
-            np.ascontiguousarray(
-                part if material.all() else masked(part, material, 0.0), np.float32
-            )
-            for part in (gain * height, turns, light - gain * wave.mean)
-        )
-
-    def light_and_slope(self, shift: Array) -> tuple[Array, Array]:
-        """What is left of the light at a shift d (rows, cols) from the branches, and its slope."""
-        import cv2
-
-        turns = shift * np.float32(2.0 * np.pi)
-        turns += self._turns
-        # both in a quarter of the time of np.sin and np.cos, to 2e-7
-        light, slope = cv2.polarToCart(self._height, turns)
-        slope *= np.float32(-2.0 * np.pi)
-        return np.subtract(self._rest, light, out=light), slope
 
 
 def _move(information: Array, answer: Array) -> Array:
@@ -325,21 +280,11 @@ def less_sure(reading: OrderReading, error: Array, largest: float) -> OrderReadi
     return replace(widened_reading, kept=reading.kept * widened_reading.kept)
 
 
-def moved_by_light(order: Array, error: Array) -> Array:
-    """How far an error e of the signal moves an order N that is read from it, fringes.
-
-    min(e/(pi |sin 2 pi N|), sqrt(e)/pi).
-    """
-    slope = np.pi * np.abs(np.sin(2.0 * np.pi * order))
-    return np.asarray(np.minimum(error / np.maximum(slope, 1e-9), np.sqrt(error) / np.pi))
-
-
 def widened(reading: OrderReading, error: Array) -> OrderReading:
     """Widen a reading by errors of the signal that pooling does not average out.
 
-    A standard error e of it moves the order by e/(pi sin 2 pi N); pooled over a patch as the
-    reading is, by sum(w |sin| e)/(pi sum(w sin²)). On a crest, where the sine is nought, it is no
-    more than sqrt(e)/pi. A pixel of more than 0.03 fringe is not known.
+    An error e moves the order by e/(pi sin 2 pi N), pooled as the reading is by sum(w |sin| e)/(pi
+    sum(w sin²)); on a crest, where the sine is nought, by sqrt(e)/pi at most.
     """
     known = np.isfinite(reading.order)
     sine = np.abs(np.sin(2.0 * np.pi * np.where(known, reading.order, 0.0))) * known

@@ -12,8 +12,6 @@ half of that. A second pass with three times the sigma, and 6 deviations, adds t
 away from the lines of the first. Lines under 12 px, or three times the sigma, are dropped. Dark
 lines lie below, bright ones above the middle of the signal's range. Source: Steger (1998), An
 unbiased detector of curvilinear structures, IEEE TPAMI 20(2).
-
-Ridges and valleys of an image: the arithmetic behind `skeletons`.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -30,10 +28,8 @@ from isochrome.errors import InputError
 from isochrome.fringes.windows import COMPLETE, Indices, gaussian, nearest_known
 
 Floats = NDArray[np.float64]
-
 FOLLOW_SHARE = 0.5
 """A line that reached the threshold is followed down to this share of it."""
-
 _TRUNCATE = 6.0  # in sigma: at 4 a flat image has a second derivative of 1e-4
 _RUN = 2.0  # a fringe centre is level along its run; the flank of a round fringe is not
 _REACH_PX = 1.5  # neighbours: side by side or corner to corner
@@ -54,10 +50,10 @@ def _sharpened(image: Floats, sigma_px: float) -> Floats:
 
 
 def line_points(image: Floats, sigma_px: float) -> tuple[Floats, Floats, Floats, Floats]:
-    """Find the lines that pass each pixel of `image` (row, col; NaN = not known).
+    """Strength of the line that passes each pixel of `image` (NaN: not known), its point, level.
 
-    Returns strength (sigma² times the curvature across the line, > 0 dark, < 0 bright, 0 where no
-    line passes or the neighbourhood is not known), line point (row, col) and smoothed level.
+    Strength: sigma² times the curvature across it, > 0 dark, < 0 bright, 0 where no line passes or
+    the neighbourhood is not known.
     """
     known = np.isfinite(image)
     if not known.all():
@@ -98,20 +94,6 @@ def line_pixels(rows: Floats, cols: Floats, shape: tuple[int, ...]) -> tuple[Ind
     )
 
 
-def linked(
-    weight: Floats, threshold: float, min_length: float
-) -> Iterator[tuple[NDArray[Any], NDArray[Any]]]:
-    """Link neighbouring line pixels into ordered lines; yields index pairs (rows, cols)."""
-    labels, count = ndimage.label(weight > FOLLOW_SHARE * threshold, structure=np.ones((3, 3)))
-    peaks = np.atleast_1d(ndimage.maximum(weight, labels, np.arange(1, count + 1)))
-    for number, where in enumerate(ndimage.find_objects(labels)):
-        if peaks[number] < threshold:
-            continue
-        points = np.argwhere(labels[where] == number + 1)
-        for path in _paths(points + np.array([where[0].start, where[1].start]), min_length):
-            yield path[:, 0], path[:, 1]
-
-
 def _paths(points: NDArray[Any], min_length: float) -> Iterator[NDArray[Any]]:
     """Cut a cloud of pixels into ordered paths, the longest of each connected part first."""
     if len(points) < min_length:
@@ -138,7 +120,6 @@ def _paths(points: NDArray[Any], min_length: float) -> Iterator[NDArray[Any]]:
 
 
 Kind = Literal["dark", "bright"]
-
 _PASSES = ((2.0, 10.0), (6.0, 6.0))  # smoothing sigma, px, least strength in noise deviations
 _FLOOR = 4e-4  # least strength of all: rounding of a noise-free image
 SHORTEST_PX = 12
@@ -158,9 +139,9 @@ class Skeleton:
 def skeletons(signal: ArrayLike) -> list[Skeleton]:
     """Centre lines of dark and bright fringes in a normalised dark field, longest first.
 
-    For the method see the module; fringes closer than about 8 px are lost, NaN is not known.
-    Where the order turns back between n and n + 1/2 the image has a crest that is no order line; it
-    is returned too, as no image alone can tell. InputError where it is too small.
+    For the method see the module; fringes closer than about 8 px are lost. Where the order turns
+    back between n and n + 1/2 the image has a crest that is no order line; it is returned too, as
+    no image alone can tell. InputError where it is too small.
     """
     image = np.asarray(signal, dtype=np.float64)
     least = int(4 * _PASSES[0][0])
@@ -189,11 +170,12 @@ def skeletons(signal: ArrayLike) -> list[Skeleton]:
             ("dark", np.where(level < middle, strength, 0.0)),
             ("bright", np.where(level > middle, -strength, 0.0)),
         )
-        lines += [
-            Skeleton(kind, rows[pixels], cols[pixels])
-            for kind, weight in kinds
-            for pixels in linked(weight, limit, max(SHORTEST_PX, 3 * scale))
-        ]
+        for kind, weight in kinds:
+            labels, count = ndimage.label(weight > FOLLOW_SHARE * limit, structure=np.ones((3, 3)))
+            strong = ndimage.maximum(weight, labels, np.arange(count + 1)) >= limit
+            for path in _paths(np.argwhere(strong[labels]), max(SHORTEST_PX, 3 * scale)):
+                pixels = tuple(path.T)
+                lines.append(Skeleton(kind, rows[pixels], cols[pixels]))
     return sorted(lines, key=lambda each: -each.rows.size)
 
 
@@ -202,9 +184,8 @@ def order_contours(
 ) -> list[Skeleton]:
     """Lines of a known order map (NaN: not known) at whole (dark) and half (bright) orders.
 
-    N is linear between pixel centres, which puts a line within N''/(8 N') px of its place (N', N''
-    along the row or column that it crosses). `levels` are multiples of 1/2, by
-    default all: N = 0 is touched, not crossed, so it has no line. By level, with their order.
+    N is linear between pixel centres, which puts a line within N''/(8 N') px of its place. `levels`
+    are multiples of 1/2, by default all: N = 0 is touched, not crossed, so it has no line.
     """
     from skimage.measure import find_contours
 
@@ -226,16 +207,9 @@ def order_contours(
 
 def skeleton_table(
     lines: Sequence[Skeleton],
-    *,
-    pixel_mm: float | None = None,
-    left_mm: float = 0.0,
-    top_mm: float = 0.0,
-) -> dict[str, NDArray[Any]]:
-    """Lines as the columns line, kind, order, row_px, col_px, x_mm, z_mm, one row a point.
-
-    x = left + (col + 1/2) pixel, z = top + (row + 1/2) pixel, of the outer edges of the first
-    column and row; NaN where order or scale is not known.
-    """
+    *, pixel_mm: float | None = None, left_mm: float = 0.0, top_mm: float = 0.0,
+) -> dict[str, NDArray[Any]]:  # fmt: skip
+    """Lines as columns: line, kind, order, row_px, col_px, x_mm, z_mm; NaN: not known."""
     counts = [line.rows.size for line in lines]
     rows = np.concatenate([line.rows for line in lines] or [np.zeros(0)])
     cols = np.concatenate([line.cols for line in lines] or [np.zeros(0)])
@@ -254,16 +228,14 @@ def skeleton_table(
 
 _APART = 0.15
 """Fringes between a line and its half order: a crest that is no order line lies farther off."""
-
 _MOST = 0.75
 
 
 def number_lines(lines: Sequence[Skeleton], order: ArrayLike) -> list[Skeleton]:
-    """Give fringe lines the half order that the reading (NaN: not known) has along them.
+    """Give fringe lines the half order k/2 that the reading (NaN: not known) has along them.
 
-    k/2 nearest to the median of N along the line, where N is known on half of its points or more,
-    and within 0.15 fringe of k/2 on three quarters of these; else the order is not known, as that
-    of a crest where the order turns back.
+    The nearest to the median of N along the line, where N is known on half of its points or more,
+    and within 0.15 fringe of k/2 on three quarters of these; else the order is not known.
     """
     field = np.asarray(order, dtype=np.float64)
     numbered = []

@@ -1,26 +1,18 @@
-"""Phase steps as linear equations: what the light says of δ and θ, for any angles and plates.
+"""What the light of a phase-stepped set says in each pixel, before any whole number is settled.
 
 The light of a step is I = C + A [|α|² cos²(δ/2) + |w|² sin²(δ/2) - Im(α w*) sin δ] with
 w = β cos 2θ + γ sin 2θ, and α, β, γ of its elements alone. Written out, it is linear in C, A,
 A cos δ, A (1 - cos δ) (cos 4θ, sin 4θ) and A sin δ (cos 2θ, sin 2θ), so that one small matrix takes
-the images of all steps to these seven maps, exactly, with unmatched plates as with ideal ones.
+the images of all steps to these seven maps, exactly, with unmatched plates as with ideal ones. A
+frame that cannot be trusted in a pixel, saturated there or faulty, is left out of that pixel alone,
+where the other frames still tell.
 
-The direction of sigma_1 from the maps of a phase-stepped set, pooled and made continuous.
-
-sin δ exp 2iθ, squared, and (1 - cos δ) exp 4iθ both point along exp 4iθ. The first is nothing at
-whole and half orders, the second at whole ones; weighted with their information they are summed
-over a small window, which no wrap of θ disturbs, and which fringes do not interrupt. The root,
-exp 2iθ, keeps a sign that continuity settles: about an isotropic point 2θ turns whole, so that
-a continuous choice exists all round it.
-
-What the light of a phase-stepped set says in each pixel, before any whole number is settled.
-
-Least squares over the steps gives the maps, these the direction of sigma_1 and, with contrast and
-misfit, how far each pixel is to be trusted. A frame that cannot be trusted in a pixel, saturated
-there or faulty, is left out of that pixel alone, where the other frames still tell.
+For the direction of sigma_1, (sin δ exp 2iθ)² and (1 - cos δ) exp 4iθ both point along exp 4iθ. The
+first is nothing at whole and half orders, the second at whole ones; weighted with their information
+they are summed over a small window, which no wrap of θ disturbs, and which fringes do not
+interrupt. The root, exp 2iθ, keeps a sign that continuity settles: about an isotropic point 2θ
+turns whole, so that a continuous choice exists all round it.
 """
-
-from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -36,16 +28,12 @@ from isochrome.fringes.windows import COMPLETE, DIMMEST, POOLED_PX, Array, Mask,
 from isochrome.optics import Chain
 
 BACKGROUND, AMPLITUDE, COSINE, CROSS, CROSS_SINE, SINE, SINE_SINE = range(7)
-
 _WEAKEST = 0.1
 """Singular value below which unknowns count as not told apart: noise grows tenfold there."""
-
 _NOISIEST = 0.02
 """The same where nothing can be left out: better told with fifty times the noise than not."""
-
 _LEAK = 0.1
 """Of what is left out, in what is solved for: more would not be taken out by the second pass."""
-
 _SETS = (
     tuple(range(7)),
     (BACKGROUND, COSINE, CROSS, CROSS_SINE, SINE, SINE_SINE),
@@ -53,11 +41,9 @@ _SETS = (
     (BACKGROUND, COSINE, SINE, SINE_SINE),
 )
 """What is solved for, the fullest set first that the steps tell apart."""
-
 _PASSES = 3
 """Each takes out what the one before left, but for a share of the size of the elements' errors. So
 often, too, all is solved where the steps leave something out, with the direction of before."""
-
 _ADVICE = {
     COSINE: "cos δ (add the circular dark and bright fields: polariser_deg = 90, input_plate_deg = "
     "45, output_plate_deg = -45 and analyser_deg = 0 and 90)",
@@ -108,9 +94,9 @@ class StepDesign:
 class StepTerms:
     """The maps (rows, cols) that a set of steps gives, in the light's unit.
 
-    `amplitude` A, `cosine` A V cos δ, `sine` A V sin δ exp 2iθ (complex), `cross`
-    A (1 - V cos δ) exp 4iθ (complex, None where the steps do not give it), with V the contrast that
-    a pixel's area leaves. A is taken with V = 1 where the steps do not give it.
+    A, A V cos δ, A V sin δ exp 2iθ, and A (1 - V cos δ) exp 4iθ (None where the steps do not give
+    it), with V the contrast that a pixel's area leaves. A is taken with V = 1 where they do not
+    give it.
     """
 
     amplitude: Array
@@ -122,8 +108,7 @@ class StepTerms:
 def step_row(chain: Chain) -> list[float]:
     """The coefficients of one step's light over the seven unknowns of `StepDesign`.
 
-    |w|² = (|β|² + |γ|²)/2 + (|β|² - |γ|²)/2 cos 4θ + Re(β γ*) sin 4θ in I above. Source: as for
-    `isochrome.optics.polariscope`; expanded here.
+    |w|² = (|β|² + |γ|²)/2 + (|β|² - |γ|²)/2 cos 4θ + Re(β γ*) sin 4θ in the module's I.
     """
     a, b, c = abs(chain.alpha) ** 2, abs(chain.beta) ** 2, abs(chain.gamma) ** 2
     mean = 0.5 * (b + c)
@@ -141,8 +126,7 @@ def step_row(chain: Chain) -> list[float]:
 def make_design(chains: Sequence[Chain]) -> StepDesign:
     """The equations of a set of steps, of the unknowns that they tell apart, and their solution.
 
-    Six circular steps need neither background nor amplitude. InputError, with the steps to add,
-    where cos δ or sin δ cannot be told.
+    InputError, with the steps to add, where cos δ or sin δ cannot be told.
     """
     matrix = np.array([step_row(chain) for chain in chains]).reshape(-1, 7)
     for solved, weakest in (*((columns, _WEAKEST) for columns in _SETS), (_SETS[0], _NOISIEST)):
@@ -167,8 +151,7 @@ def solve_steps(stack: Array, design: StepDesign, direction: Array | None = None
     """Least squares of every pixel's light over the steps, one product of matrices.
 
     Where the steps do not tell 4θ or A apart but depend on them a little (misaligned elements), a
-    second pass takes that out, with the first pass's amplitude and `direction` exp 2iθ (rows,
-    cols), complex, up to its sign.
+    second pass takes that out, with the first's amplitude and `direction` exp 2iθ, up to its sign.
     """
     shape = stack.shape[1:]
     light = np.ascontiguousarray(stack).reshape(len(stack), -1)
@@ -196,7 +179,6 @@ def _terms(maps: Array, design: StepDesign) -> StepTerms:
 
 _WIDE_SPREAD = 0.2
 """What the wide window's 4θ is trusted to (rad), where the narrow one has nothing: whole orders."""
-
 _OFF = 0.007
 """Light, of the amplitude, that elements 0.2 degree off add: 0.0035 rad, twice in 2θ."""
 
@@ -212,17 +194,15 @@ class Direction:
     # from elements a little off: where it is large, exp 2iθ may change sign across the line
     bridge: Array
 
-    @property
-    def spread(self) -> Array:
-        """The same noise of 2θ if it were independent from pixel to pixel (rad)."""
-        return np.asarray(2.0 * np.minimum(self.scatter, 0.5) * np.sqrt(4.0 * np.pi) * WINDOW_PX)
 
+def find_direction(
+    terms: StepTerms, design: StepDesign, *, sigma: Array | float, valid: Mask
+) -> Direction:
+    """The continuous direction of a set of steps, up to 90° over each connected part.
 
-def four_theta(terms: StepTerms, design: StepDesign, sigma: Array | float) -> tuple[Array, Array]:
-    """Each pixel's information on 4θ, along exp 4iθ, and its size, both times sigma².
-
-    E = S²/(4 vS) + Q (A - c)/vQ, with S = A sin δ exp 2iθ, Q = A (1 - cos δ) exp 4iθ, c = A cos δ,
-    and vS, vQ their variances for unit noise; the squares' means of noise are taken off.
+    Each pixel's information on 4θ, times sigma², is E = S²/(4 vS) + Q (A - c)/vQ along exp 4iθ,
+    with S = A sin δ exp 2iθ, Q = A (1 - cos δ) exp 4iθ, c = A cos δ, and vS, vQ their variances for
+    unit noise; the squares' means of noise are taken off.
     """
     first, second = design.variance(SINE), design.variance(SINE_SINE)
     spread = 0.5 * (first + second)
@@ -235,18 +215,10 @@ def four_theta(terms: StepTerms, design: StepDesign, sigma: Array | float) -> tu
         lift = np.maximum(pooled(terms.amplitude, 2.0 * WINDOW_PX) - terms.cosine, 0.0)
         along = along + terms.cross * lift / spread
         size = size + lift**2 / spread
-    return along, size
-
-
-def find_direction(
-    terms: StepTerms, design: StepDesign, *, sigma: Array | float, valid: Mask
-) -> Direction:
-    """The continuous direction of a set of steps, up to 90° over each connected part."""
-    along, size = (np.where(valid, part, 0.0) for part in four_theta(terms, design, sigma))
+    along, size = (np.where(valid, part, 0.0) for part in (along, size))
     narrow, information = _centred(along, size, WINDOW_PX)
     wide = pooled(along, WIDE_PX)
     area = 4.0 * np.pi * WINDOW_PX**2
-    noise = np.square(sigma)
     wide = wide / np.maximum(np.abs(wide), 1e-30) * noise / (area * _WIDE_SPREAD**2)
     angle = np.angle(narrow + wide)
     twice = np.exp(0.5j * np.nan_to_num(unwrap(angle, valid)))
@@ -255,32 +227,24 @@ def find_direction(
     off = max(_OFF, design.leak) * terms.amplitude
     doubt = noise / (4.0 * np.pi * WIDE_PX**2) + np.square(off)
     bridge = 0.25 * np.sqrt(doubt / np.maximum(pooled(size, WIDE_PX), 1e-30))
-    bent = _bent(along, size, narrow, scatter, valid)
-    return Direction(twice, scatter, np.hypot(scatter, bent), bridge)
-
-
-def _bent(along: Array, size: Array, narrow: Array, scatter: Array, valid: Mask) -> Array:
-    """Error of θ (rad) where the direction bends within the window.
-
-    It grows as the window's area, so that the difference to one of twice the area is the error
-    itself, and noise, whose share is taken off: a sixth of the narrow window's variance. Beside an
-    edge the error grows as the window's width instead.
-    """
+    # where the direction bends within the window the error grows as its area: it is the difference
+    # to one of twice the area, less noise, a sixth of the narrow window's variance; beside an edge
+    # it grows as the window's width instead
     double = np.sqrt(2.0) * WINDOW_PX
-    other, _ = _centred(along, size, double)
-    away = 0.25 * np.angle(other * np.conj(narrow))
+    away = 0.25 * np.angle(_centred(along, size, double)[0] * np.conj(narrow))
     share = gaussian_filter(valid.astype(np.float32), double, mode="constant")
     away *= np.where(share > COMPLETE, 1.0, 1.0 / (2.0**0.5 - 1.0))
     trust = 1.0 / np.square(scatter)
     square = pooled(trust * np.square(away) - 1.0 / 6.0, POOLED_PX)
-    return np.asarray(np.sqrt(np.maximum(square, 0.0) / pooled(trust, POOLED_PX)))
+    bent = np.sqrt(np.maximum(square, 0.0) / pooled(trust, POOLED_PX))
+    return Direction(twice, scatter, np.hypot(scatter, bent), bridge)
 
 
 def _centred(along: Array, size: Array, window_px: float) -> tuple[Array, Array]:
     """Pooled exp 4iθ, turned from where its information lies to the window's middle, and that.
 
-    Fringes put the information's centre of mass beside the middle, by w² ∇J/J for a Gaussian
-    window of width w, where 4θ is another by its gradient: ψ(0) = ψ - ∇ψ w² ∇J/J.
+    Fringes put its centre of mass w² ∇J/J beside the middle of a Gaussian window of width w, where
+    4θ is another by its gradient: ψ(0) = ψ - ∇ψ w² ∇J/J.
     """
     narrow, information = pooled(along, window_px), pooled(size, window_px)
     rough = pooled(narrow, _MISFIT_PX)
@@ -296,9 +260,8 @@ def _centred(along: Array, size: Array, window_px: float) -> tuple[Array, Array]
 def unwrap(phase: Array, mask: Mask) -> Array:
     """Phase (rad) made continuous over the masked-in pixels, fringe quality first; NaN elsewhere.
 
-    A NaN hangs scikit-image's unwrap_phase, so that only finite pixels are passed to it. Parts that
-    do not touch have whole turns of their own. Source: Herraez, Burton, Lalor & Gdeisat (2002),
-    Applied Optics 41, 7437.
+    A NaN hangs scikit-image's unwrap_phase (Herraez et al. (2002), Applied Optics 41, 7437), so
+    that only finite pixels are passed to it. Parts that do not touch have whole turns of their own.
     """
     from skimage.restoration import unwrap_phase
 
@@ -311,10 +274,8 @@ def unwrap(phase: Array, mask: Mask) -> Array:
 
 _MOST_NOISE = 3.0
 """Times the noise of the whole set that a pixel may have for want of some of its frames."""
-
 _LEAST_CONTRAST = 0.7
 """Of the contrast around: a pixel's area takes that much of it at 0.45 fringe a pixel."""
-
 _AROUND_PX = 32
 _MISFIT_PX = 2.0
 
@@ -336,15 +297,11 @@ class StepLight:
 def measure_steps(
     stack: Array, chains: Sequence[Chain], *, sigma: Array | float, valid: Mask | None = None
 ) -> StepLight:
-    """Read δ, the direction of sigma_1 and their noise from the images of a set's steps.
-
-    `valid`, True = trusted, (rows, cols) or frame by frame, (steps, rows, cols). InputError where
-    the steps cannot tell the order.
-    """
+    """Read δ, the direction of sigma_1 and their noise from the images of a set's steps."""
     design = make_design(chains)
     light = np.asarray(stack, dtype=np.promote_types(stack.dtype, np.float32))
     good = np.isfinite(light) & (True if valid is None else valid)
-    light, gain, turn_gain = fill_gaps(np.where(good, light, 0.0), good, design)
+    light, (gain, turn_gain) = fill_gaps(np.where(good, light, 0.0), good, design)
     trusted, complete, swing = np.isfinite(gain), good.all(axis=0), sigma
     if (gain > 1.0).any():
         swing, sigma = sigma * np.fmax(turn_gain, 1.0), sigma * np.fmax(gain, 1.0)
@@ -373,29 +330,41 @@ def measure_steps(
         direction, scatter=direction.scatter * times,
         uncertainty=np.sqrt(np.square(direction.uncertainty) + more),
     )  # fmt: skip
-    uncertainty = phase_uncertainty(terms, design, direction, sigma) * times
+    # of φ/2π, φ = atan2(A sin δ, A cos δ) along the direction, with var φ = σ² gᵀ Σ g and
+    # g = (-sin φ, cos φ cos 2θ, cos φ sin 2θ)/(A V) (JCGM 100:2008, 5.1.2)
+    twice = direction.twice
+    along = (terms.sine * np.conj(twice)).real
+    size = np.hypot(terms.cosine, along) + 1e-30
+    cosine = terms.cosine / size
+    slopes = (-along / size, cosine * twice.real, cosine * twice.imag)
+    total = np.zeros(cosine.shape, dtype=cosine.dtype)
+    for i, first in enumerate((COSINE, SINE, SINE_SINE)):
+        total += design.variance(first) * slopes[i] ** 2
+        for j, second in enumerate((COSINE, SINE, SINE_SINE)[:i]):
+            if abs(design.variance(first, second)) > 1e-12:
+                total += 2.0 * design.variance(first, second) * slopes[i] * slopes[j]
+    uncertainty = np.asarray(sigma * np.sqrt(total) / size / (2.0 * np.pi)) * times
     readable &= (uncertainty < LARGEST_UNCERTAINTY) & (
         misfit * sigma < np.maximum(LARGEST_MISFIT * contrast, 2.0 * sigma)
     )
     return StepLight(
-        terms=terms, direction=direction, seen=readable,
-        specimen=lit, contrast=contrast,
+        terms=terms, direction=direction, seen=readable, specimen=lit, contrast=contrast,
         uncertainty=uncertainty, chi=chi, agrees=agrees,
     )  # fmt: skip
 
 
-def fill_gaps(light: Array, good: Mask, design: StepDesign) -> tuple[Array, Array, Array]:
+def fill_gaps(light: Array, good: Mask, design: StepDesign) -> tuple[Array, Array]:
     """Give frames that cannot be trusted in a pixel (nought there) the light that the others ask.
 
-    I = M x there, x the least squares of the others, which is that of all together then. Also how
-    many times the noise is a whole pixel's, at most of any unknown but the background, and of those
-    that tell the direction (rows, cols); NaN where the rest cannot tell the order. Source: Yates
-    (1933), Empire J. Exp. Agric. 1, 129 (missing observations in least squares).
+    I = M x there, x the least squares of the others. Also how many times the noise is a whole
+    pixel's, at most of any unknown but the background, and of those that tell the direction (rows,
+    cols); NaN where the rest cannot tell the order. Source: Yates (1933), Empire J. Exp. Agric. 1,
+    129.
     """
     gains = np.where(good.all(axis=0), 1.0, np.nan)[None].repeat(2, axis=0).astype(np.float32)
     wanting = np.isnan(gains[0]) & good.any(axis=0)
     if design.leaks or not wanting.any():
-        return light, gains[0], gains[1]
+        return light, gains
     code = np.int64(1) << np.arange(len(light), dtype=np.int64)
     kinds = np.tensordot(code, good[:, wanting].astype(np.int64), axes=1)
     values, noise = light[:, wanting], np.full((2, kinds.size), np.nan, dtype=np.float32)
@@ -417,7 +386,7 @@ def fill_gaps(light: Array, good: Mask, design: StepDesign) -> tuple[Array, Arra
     filled = light.copy()
     filled[:, wanting] = values
     gains[:, wanting] = noise
-    return filled, gains[0], gains[1]
+    return filled, gains
 
 
 def step_misfit(
@@ -425,8 +394,7 @@ def step_misfit(
 ) -> tuple[Array, float]:
     """Residual of the light over its noise, pooled about each pixel, and over all of them.
 
-    What no choice of the seven unknowns can explain: moved or dirty elements, a wrong gamma. 1
-    where the steps leave nothing to compare, and chi, NaN then.
+    What no unknowns explain: moved or dirty elements, a wrong gamma. 1, and NaN, where nothing can.
     """
     directions, values, _ = np.linalg.svd(design.matrix)
     rank = int((values > 1e-6).sum())
@@ -438,24 +406,3 @@ def step_misfit(
     weight = np.maximum(pooled(readable, _MISFIT_PX), 1e-6)
     misfit = np.sqrt(np.maximum(pooled(np.where(readable, square, 0.0), _MISFIT_PX), 0.0) / weight)
     return misfit, float(np.sqrt(np.mean(square[readable]))) if readable.any() else float("nan")
-
-
-def phase_uncertainty(
-    terms: StepTerms, design: StepDesign, direction: Direction, sigma: Array | float
-) -> Array:
-    """Standard uncertainty of φ/2π from the noise, φ = atan2(A sin δ, A cos δ) along the direction.
-
-    var φ = σ² gᵀ Σ g with g = (-sin φ, cos φ cos 2θ, cos φ sin 2θ)/(A V). Source: propagation of
-    uncertainty, first order (JCGM 100:2008, 5.1.2).
-    """
-    along = (terms.sine * np.conj(direction.twice)).real
-    contrast = np.hypot(terms.cosine, along) + 1e-30
-    cosine = terms.cosine / contrast
-    slopes = (-along / contrast, cosine * direction.twice.real, cosine * direction.twice.imag)
-    total = np.zeros(cosine.shape, dtype=cosine.dtype)
-    for i, first in enumerate((COSINE, SINE, SINE_SINE)):
-        total += design.variance(first) * slopes[i] ** 2
-        for j, second in enumerate((COSINE, SINE, SINE_SINE)[:i]):
-            if abs(design.variance(first, second)) > 1e-12:
-                total += 2.0 * design.variance(first, second) * slopes[i] * slopes[j]
-    return np.asarray(sigma * np.sqrt(total) / contrast / (2.0 * np.pi))

@@ -2,39 +2,11 @@
 
 The steps' light gives cos δ, sin δ exp 2iθ and (1 - cos δ) exp 4iθ in every pixel
 (`step_equations`), these the continuous direction up to 90°, along which δ is signed and
-unwraps without the ambiguity (δ, θ) ~ (-δ, θ + 90°): n = (φ/2π + m) exp 2iθ does not change
-with it. The whole number m of each connected part comes from the user's known orders, from
-equilibrium and compatibility, or from a model (`settle`); a part that has none is
-left unknown. A residual stress is taken off n (`read_residual`). Then N = |n| and θ = arg(n)/2.
-
-The field of a residual stress, from a phase-stepped set of the unloaded specimen.
-
-Stresses add up as tensors, and so do n = N exp 2iθ, which is the tensor's difference: the load's
-own is n - n₀, not N - N₀. This holds for plane stress that is uniform through the thickness, where
-the specimen is one retarder; where stress varies through it, retarders stand one behind the other,
-and n adds up where they are weak or turned alike.
-
-A residual stress is weak: below half an order sin δ > 0, and the steps' A sin δ exp 2iθ, A cos δ
-are n₀ itself, pixel by pixel, as well where it is nearly nil: n₀ = δ/2π exp 2iθ with
-δ = atan2(|A sin δ exp 2iθ|, A cos δ). The field is followed as a loaded one's is, beyond half an
-order too; its whole number comes from equilibrium (a residual stress obeys no compatibility) or,
-where that does not tell, from most of the specimen being below half an order. What cannot be
-followed is left unknown.
-Source: Frocht (1941), Photoelasticity, vol. 1, for stresses that add up in one plane; Aben &
-Guillemet (1993), Photoelasticity of Glass, for those that vary along the light.
-
-From what a stepped set's light says to the field n: unwrapped, settled, and smoothed.
-
-The whole number of each connected part of an unwrapped field, and what it was taken from.
-
-In this order: orders that the user knows; equilibrium and compatibility (see `balance`); a model.
-Where the first two disagree, or nothing tells, that is said.
-
-From wrapped to absolute fringe order: unwrapping, and the whole number that phase leaves open.
-
-Phase stepping gives δ and the direction of sigma_1 up to the joint change (δ, θ) ~ (-δ, θ + 90°),
-which leaves n = (sigma_1 - sigma_2 as fringes) exp 2iθ = (φ/2π + m) exp 2iθ as it is once θ is
-continuous. One whole number m for each connected part is then all that is not known.
+unwraps without the ambiguity (δ, θ) ~ (-δ, θ + 90°): n = (φ/2π + m) exp 2iθ, the stress
+difference's tensor in fringes, does not change with it. Then N = |n| and θ = arg(n)/2. One whole
+number m for each connected part is all that is not known. It comes from the user's known orders,
+from equilibrium and compatibility, or from a model (`settle`); where the first two disagree, or
+nothing tells, that is said, and a part that has none is left unknown.
 
 In a plane elastic specimen without body forces n obeys equilibrium and compatibility:
 σy - σx + 2iτxy = 2 (z* Φ' + Ψ) with Φ', Ψ analytic in z = x + iy, y upward, so that ∂²n/∂z² = 0.
@@ -42,11 +14,20 @@ Any other whole number adds (m' - m) exp 2iθ, which does not obey it where θ v
 linear in m, is solved for m by least squares over the part, on derivatives of Gaussians. Residual
 stress obeys equilibrium and no compatibility: its n leaves the imaginary part of 4 ∂²n/∂z² alone
 nought, 2 (∂xx - ∂yy) τxy - 2 ∂x∂y (σx - σy); the real part is -∇²(σx + σy).
-Source: Muskhelishvili (1953), Some Basic Problems of the Mathematical Theory of Elasticity, for
-the stresses' form; the use made of it here was derived from it.
-"""
 
-from __future__ import annotations
+A residual stress is the unloaded specimen's n₀. Stresses add up as tensors, and so do n: the load's
+own is n - n₀, not N - N₀. This holds for plane stress that is uniform through the thickness, where
+the specimen is one retarder; where stress varies through it, retarders stand one behind the other,
+and n adds up where they are weak or turned alike. It is weak: below half an order sin δ > 0, and
+n₀ = δ/2π exp 2iθ with δ = atan2(|A sin δ exp 2iθ|, A cos δ) pixel by pixel, as well where it is
+nearly nil. The field is followed as a loaded one's is, beyond half an order too; its whole number
+comes from equilibrium or, where that does not tell, from most of the specimen being below half an
+order. What cannot be followed is left unknown.
+Sources: Muskhelishvili (1953), Some Basic Problems of the Mathematical Theory of Elasticity, for
+the stresses' form, the use made of it here was derived from it; Frocht (1941), Photoelasticity,
+vol. 1, for stresses that add up in one plane; Aben & Guillemet (1993), Photoelasticity of Glass,
+for those that vary along the light.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -65,7 +46,7 @@ from isochrome.fringes.on_branch import (
     make_reading,
 )
 from isochrome.fringes.step_equations import Direction, StepLight, StepTerms, measure_steps, unwrap
-from isochrome.fringes.windows import LARGEST_CHANGE, Array, Mask, block_means, masked, valid_means
+from isochrome.fringes.windows import Array, Mask, beside_jumps, block_means, masked, valid_means
 from isochrome.messages import message
 from isochrome.optics import Chain
 
@@ -75,10 +56,8 @@ _SUPPORT = 3.5
 """Of a Gaussian, in its widths."""
 _FEWEST = 5.0
 """Independent places, of one Gaussian's area each, that a part must have."""
-
 _NEAR = 0.3
 """How far from a whole number m and twice its uncertainty may lie."""
-
 _LEAST_SIGNAL = 0.5
 """Of what is seen of exp 2iθ's second derivative; the rest is the noise that is expected. In a beam
 the direction does not vary, and all of it is noise."""
@@ -99,20 +78,15 @@ class Balance:
 
 
 def balance(
-    turns: Array,
-    direction: Array,
-    inside: Mask,
-    *,
-    spread: Array,
-    residual: Array | None = None,
-    compatible: bool = True,
-) -> Balance | None:
+    turns: Array, direction: Array, inside: Mask,
+    *, spread: Array, residual: Array | None = None, compatible: bool = True,
+) -> Balance | None:  # fmt: skip
     """The whole number m of a part of the field by equilibrium and compatibility, if they tell.
 
     Least Σ |∂²_z (turns e - n₀) + m ∂²_z e|², weighted by the noise and robustly, less the noise's
     own share of the sums, which would draw m to -turns. `turns` φ/2π, signed; `direction` e = exp
-    2iθ, continuous; `spread`, a pixel's own deviation of 2θ (rad); `residual` n₀, all over the
-    part; not `compatible`: turns e is itself a residual stress's. Source: the module's.
+    2iθ; `spread`, a pixel's own deviation of 2θ (rad); `residual` n₀; `compatible`, as the
+    module's.
     """
     share = block_means(inside.astype(float), _BLOCK)
     load_turns = turns * direction if residual is None else turns * direction - residual
@@ -168,10 +142,8 @@ def _solve(bent: Array, turned: Array, turns: Array, noise: Array, places: float
 
 KnownOrder = tuple[int, int, float]
 """Row, column (pixels), and the fringe order there."""
-
 _Seed = tuple[KnownOrder, tuple[int, int]]
 """A known order, and the pixel of the part at which it is looked up."""
-
 _NEAR_PX = 3
 _TIE = 0.1
 """Misfit, in fringes, by which two numbers are as good; beyond `BRANCH` none is."""
@@ -179,31 +151,25 @@ _TIE = 0.1
 
 @dataclass(frozen=True)
 class FieldPart:
-    """A connected part's whole `number` m (None: open) and where that is from.
-
-    `source` is 'known order', 'equilibrium', 'model' or 'none'.
-    """
+    """A connected part's whole `number`, of a known order, equilibrium, model; None of none."""
 
     number: int | None
     source: str
 
 
 def settle(
-    turns: Array,
-    direction: Direction,
-    known: Mask,
-    *,
-    known_order: Sequence[KnownOrder] = (),
-    model: Callable[[], Array] | None = None,
-    residual: Array | None = None,
-    compatible: bool = True,
-) -> tuple[Array, tuple[FieldPart, ...], tuple[str, ...]]:
+    turns: Array, direction: Direction, known: Mask,
+    *, known_order: Sequence[KnownOrder] = (), model: Callable[[], Array] | None = None,
+    residual: Array | None = None, compatible: bool = True,
+) -> tuple[Array, tuple[FieldPart, ...], tuple[str, ...]]:  # fmt: skip
     """The whole number m of each part, so that N = |turns + m|; NaN where it is open.
 
     `turns` φ/2π, unwrapped; `known`, where it and the continuous direction are; `known_order`,
     (row, col, N) each; `model` gives a model's order where nothing else tells; for `residual` n and
     `compatible` see `balance`. Then the parts that are not too small, largest first, and warnings.
     """
+    # the noise of 2θ if it were independent from pixel to pixel (rad)
+    spread = 2.0 * np.minimum(direction.scatter, 0.5) * np.sqrt(4.0 * np.pi) * WINDOW_PX
     labels, count = ndimage.label(known)
     sizes = np.bincount(labels.ravel(), minlength=count + 1)
     seeds = _seeds_of_parts(labels, known_order)
@@ -218,9 +184,8 @@ def settle(
             continue
         inside = labels == index
         equilibrium = balance(
-            turns, direction.twice, inside, spread=direction.spread, residual=residual,
-            compatible=compatible,
-        )  # fmt: skip
+            turns, direction.twice, inside, spread=spread, residual=residual, compatible=compatible
+        )
         balanced = equilibrium.whole if equilibrium else None
         if index in seeds:
             number, notes = _from_seeds(turns, seeds[index], balanced)
@@ -298,27 +263,18 @@ def _from_model(turns: Array, inside: Mask, model: Array) -> int | None:
 SMOOTHED_PX = 1.2
 LARGEST_TURN = np.radians(2.0)
 """Standard uncertainty of θ (rad) beyond which a direction is not known."""
-
 _LOST = 0.15
 """Scatter of θ (rad) at which a break of 90 degrees in θ, 45 either way, is five of it."""
-
 _SMOOTH = 0.18
 """Fringes over a window of one standard deviation, beyond which smoothing would bend n."""
 
 
 def settle_field(
     light: StepLight,
-    *,
-    known_order: Sequence[KnownOrder] = (),
-    model: Callable[[], Array] | None = None,
-    residual: Array | None = None,
-    compatible: bool = True,
-) -> tuple[Array, tuple[FieldPart, ...], tuple[str, ...]]:
-    """The field n of a set, with the whole numbers that phase leaves open, see `settle`.
-
-    It is N exp 2iθ (rows, cols), complex, fringes, NaN = not known; then the connected parts and
-    what settled their whole numbers, and warnings.
-    """
+    *, known_order: Sequence[KnownOrder] = (), model: Callable[[], Array] | None = None,
+    residual: Array | None = None, compatible: bool = True,
+) -> tuple[Array, tuple[FieldPart, ...], tuple[str, ...]]:  # fmt: skip
+    """The field n of a set (rows, cols), fringes, NaN = not known; its parts, and warnings."""
     direction = light.direction
     terms = light.terms  # φ/2π unwrapped along the direction
     phase = np.arctan2((terms.sine * np.conj(direction.twice)).real, terms.cosine)
@@ -326,8 +282,20 @@ def settle_field(
     known = light.seen & np.isfinite(turns)
     if residual is not None:
         known &= np.isfinite(residual)
-    # nearer to a whole order than to be told from zero, a sign that breaks may do no harm
-    known &= ~_broken(turns - np.rint(turns), turns, direction)
+    # where fringes are too steep, or the sign of the direction breaks between neighbours: that does
+    # harm where the signed order is not zero, or a direction is seen; one that is lost over a wide
+    # window, in noise or in elements a little off, may have broken unseen. Nearer to a whole order
+    # than to be told from zero, a sign that breaks may do no harm
+    loaded = np.abs(turns - np.rint(turns)) > SURE
+    off = loaded | (direction.uncertainty < LARGEST_TURN)
+    broken = beside_jumps(turns)
+    for axis in (0, 1):
+        twice, beside = direction.twice.swapaxes(0, axis), broken.swapaxes(0, axis)
+        flipped = (twice[1:] * np.conj(twice[:-1])).real < 0.0
+        flipped &= off.swapaxes(0, axis)[1:]
+        beside[1:] |= flipped
+        beside[:-1] |= flipped
+    known &= ~(ndimage.binary_dilation(broken) | (loaded & (direction.bridge > _LOST)))
     numbers, parts, warnings = settle(
         turns, direction, known, known_order=known_order, model=model, residual=residual,
         compatible=compatible,
@@ -336,54 +304,9 @@ def settle_field(
     return np.where(known, (turns + numbers) * direction.twice, np.nan), parts, warnings
 
 
-def _broken(order: Array, turns: Array, direction: Direction) -> Mask:
-    """Where fringes are too steep, or the sign of the direction breaks between neighbours.
-
-    A broken sign does harm where the signed order is not zero, or a direction is seen; one that is
-    lost over a wide window, in noise or in elements a little off, may have broken unseen.
-    """
-    loaded = np.abs(order) > SURE
-    off = loaded | (direction.uncertainty < LARGEST_TURN)
-    broken = np.zeros(turns.shape, dtype=bool)
-    for axis in (0, 1):
-        here, twice, may, estimate = (
-            values.swapaxes(0, axis) for values in (turns, direction.twice, off, broken)
-        )
-        flipped = (twice[1:] * np.conj(twice[:-1])).real < 0.0
-        steep = (np.abs(np.diff(here, axis=0)) > LARGEST_CHANGE) | (flipped & may[1:])
-        estimate[1:] |= steep
-        estimate[:-1] |= steep
-    return np.asarray(ndimage.binary_dilation(broken) | (loaded & (direction.bridge > _LOST)))
-
-
-def smoothed(
-    field: Array, uncertainty: Array, known: Mask, windows_px: Sequence[float] = (SMOOTHED_PX,)
-) -> tuple[Array, Array]:
-    """n under the widest kernel that leaves it as it is: where its whole support is known.
-
-    2 G(w) - G(√2 w), G a Gaussian of standard deviation w, has no second moment; white noise is
-    left with the factor √(0.458/π)/w of it. Where fringes are fine, or beside a mask, n stays that
-    of the pixel.
-    """
-    filled = np.where(known, field, 0.0).astype(np.complex64)
-    depth = ndimage.distance_transform_edt(np.pad(known, 1))[1:-1, 1:-1]
-    less = uncertainty
-    for window in windows_px:
-        narrow, wide = (
-            ndimage.gaussian_filter(filled, w * window, truncate=3.0) for w in (1.0, 2**0.5)
-        )
-        smooth = 2.0 * narrow - wide
-        rows, cols = np.gradient(np.abs(smooth))
-        use = known & (depth > 4.5 * window) & (np.hypot(rows, cols) * window < _SMOOTH)
-        gain = np.sqrt(0.458 / np.pi) / window
-        field, less = np.where(use, smooth, field), np.where(use, gain * uncertainty, less)
-    return field, less
-
-
 _WINDOWS_PX = (SMOOTHED_PX, 4.0)
 _NEAR_HALF = 0.4
 """Order beyond which noise, or fringes, may lead past the half order, where the least one ends."""
-
 _FEW = 0.9
 _LEAST_ORDER = 4.0
 """Standard uncertainties of an order from which its direction is told: below, its sign is noise."""
@@ -415,10 +338,7 @@ class ResidualStress:
 
     @property
     def isoclinic(self) -> Array:
-        """Its direction of sigma_1 (rows, cols) float32, degrees.
-
-        NaN where it is nearly nil, and where the light does not fit the steps.
-        """
+        """Direction of sigma_1, degrees; NaN where nearly nil, or the light does not fit."""
         known = (np.abs(self.field) > _LEAST_ORDER * self.uncertainty) & self.agrees
         return np.where(known, 0.5 * np.degrees(np.angle(self.field)), np.nan).astype(np.float32)
 
@@ -426,11 +346,7 @@ class ResidualStress:
 def read_residual(
     stack: Array, chains: Sequence[Chain], *, sigma: Array | float, valid: Mask | None = None
 ) -> ResidualStress:
-    """Read the residual stress from the images (steps, rows, cols) of an unloaded specimen's steps.
-
-    Equations: the module's. One chain a step; `sigma` in the light's unit; `valid` for all frames
-    or each. InputError where the steps cannot tell the order.
-    """
+    """Read the residual stress from the images (steps, rows, cols) of an unloaded specimen."""
     light = measure_steps(stack, chains, sigma=sigma, valid=valid)
     least = np.abs(least_field(light.terms))
     # where the order is below a half for most of what hangs together
@@ -469,10 +385,7 @@ _SMALL = 0.15
 
 @dataclass(frozen=True, kw_only=True)
 class SteppedReading:
-    """What a phase-stepped set tells; maps (rows, cols) float32, NaN = not known.
-
-    All maps are of the load alone where a residual stress was taken out.
-    """
+    """What a phase-stepped set tells of the load; maps (rows, cols) float32, NaN = not known."""
 
     reading: OrderReading
     # direction of sigma_1, degrees counter-clockwise from the image's +x, -90 to 90; NaN too
@@ -492,21 +405,15 @@ class SteppedReading:
 
 
 def read_steps(
-    stack: Array,
-    chains: Sequence[Chain],
-    *,
-    sigma: Array | float,
-    valid: Mask | None = None,
-    known_order: Sequence[KnownOrder] = (),
-    model: Callable[[], Array] | None = None,
-    residual: ResidualStress | None = None,
-) -> SteppedReading:
+    stack: Array, chains: Sequence[Chain],
+    *, sigma: Array | float, valid: Mask | None = None, known_order: Sequence[KnownOrder] = (),
+    model: Callable[[], Array] | None = None, residual: ResidualStress | None = None,
+) -> SteppedReading:  # fmt: skip
     """Read order and isoclinic angle of one state from the images (steps, rows, cols) of its steps.
 
-    Equations: the module's. Not known: masked, low contrast, noise over 0.03 fringe, fringes finer
-    than 3 pixels, a part's whole number open, or the residual not known. A frame not `valid` is
-    left out there. `known_order` (row, col, N) and `model`, called where nothing else tells, are
-    orders that the frames show, residual stress and all. InputError as `read_residual`.
+    Not known: masked, low contrast, noise over 0.03 fringe, fringes finer than 3 pixels, a part's
+    whole number open, or the residual not known. `known_order` (row, col, N) and `model`, called
+    where nothing else tells, are orders that the frames show, residual stress and all.
     """
     light = measure_steps(stack, chains, sigma=sigma, valid=valid)
     unloaded = None if residual is None else residual.field
@@ -542,16 +449,10 @@ def read_steps(
 
 
 def _of_load(
-    light: StepLight,
-    shown: Array,
-    residual: ResidualStress | None = None,
+    light: StepLight, shown: Array, residual: ResidualStress | None = None,
     windows_px: Sequence[float] = (SMOOTHED_PX,),
-) -> tuple[Array, Array, Array, Mask]:
-    """n of the load alone, smoothed, the noise of |n| and of arg(n)/2 (rad), and where it is known.
-
-    The noise of N and θ lies along and across the n that the frames show; the angle between that
-    and the load's own turns it.
-    """
+) -> tuple[Array, Array, Array, Mask]:  # fmt: skip
+    """n of the load alone, smoothed, noise of |n| and of arg(n)/2 (rad), and where it is known."""
     known = np.isfinite(shown)
     shown = np.where(known, shown, 0.0)
     small = known & (np.abs(shown) < _SMALL)
@@ -560,7 +461,22 @@ def _of_load(
     least = least_field(light.terms)
     shown = np.where(small, least, shown)
     field = shown if residual is None else np.where(known, shown - residual.field, 0.0)
-    field, along = smoothed(field, light.uncertainty, known, windows_px)
+    # n under the widest kernel that leaves it as it is, where its whole support is known: 2 G(w) -
+    # G(√2 w), G a Gaussian of deviation w, has no second moment, and leaves white noise with the
+    # factor √(0.458/π)/w of it; where fringes are fine, or beside a mask, n stays the pixel's
+    filled = np.where(known, field, 0.0).astype(np.complex64)
+    depth = ndimage.distance_transform_edt(np.pad(known, 1))[1:-1, 1:-1]
+    along = light.uncertainty
+    for window in windows_px:
+        narrow, wide = (
+            ndimage.gaussian_filter(filled, w * window, truncate=3.0) for w in (1.0, 2**0.5)
+        )
+        smooth = 2.0 * narrow - wide
+        rows, cols = np.gradient(np.abs(smooth))
+        use = known & (depth > 4.5 * window) & (np.hypot(rows, cols) * window < _SMOOTH)
+        gain = np.sqrt(0.458 / np.pi) / window
+        field = np.where(use, smooth, field)
+        along = np.where(use, gain * light.uncertainty, along)
     # what smoothing n takes of the direction's noise, which is pooled already, by both kernels
     ratio = (SMOOTHED_PX / WINDOW_PX) ** 2
     smoothed_off = 1.0 - 4.0 / (1.0 + ratio) + 4.0 / (1.0 + 1.5 * ratio) - 1.0 / (1.0 + 2.0 * ratio)

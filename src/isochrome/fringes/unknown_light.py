@@ -14,25 +14,36 @@ orders are looked up again, and so on. A poor guess is allowed for in the misfit
 orders reckons with. What the bands leave is then given to the table itself (below). The orders' own
 scale is the green band's: colours alone cannot give it. Where orders are low all channels go as N²,
 and a longer exposure looks like a higher order: g is then as uncertain as the table's own error
-makes it, and the order with it.
-
-A camera's tone curve and colours are not quite a power and a matrix, and no lamp is a quadratic
+makes it, and the order with it. No camera is quite a power and a matrix, and no lamp a quadratic
 surface: what is left goes into the table's bend and the illumination's relief, by what the frames
-say across the curve of colours. Along it a residual is nothing but another order, and the orders'
-scale stays the bands'.
+say across the curve of colours; along it a residual is nothing but another order.
 Sources: Golub & Pereyra (1973), SIAM J. Numer. Anal. 10, 413, for the projection; Ajovalasit,
 Barone & Petrucci (1995), J. Strain Analysis 30, 29, for the signals.
 """
 
+from collections import defaultdict
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
-from scipy.ndimage import gaussian_filter, gaussian_filter1d, map_coordinates
+from scipy.ndimage import gaussian_filter, gaussian_filter1d
 
 from isochrome.errors import InputError
 from isochrome.estimation import channel_light
-from isochrome.fringes.band_light import CORRECTED, FOUND_ERROR, LIKELY, NUMBERS, SENSOR, band_table
-from isochrome.fringes.colour_table import COST_OF_JUMP, STEP, WIDTH, ColourTable, choose_orders
+from isochrome.fringes.colour_table import (
+    CORRECTED,
+    COST_OF_JUMP,
+    COST_OF_SLOPE,
+    FOUND_ERROR,
+    LIKELY,
+    NUMBERS,
+    SENSOR,
+    STEP,
+    WIDTH,
+    ColourTable,
+    band_table,
+    choose_orders,
+)
 from isochrome.fringes.windows import (
     ALIKE,
     DIFFER,
@@ -53,17 +64,12 @@ from isochrome.fringes.windows import (
 LIGHT_OFF, BACKGROUND_OFF = 0.3, 0.05
 """Expected deviations of log gamma, and of a surface's terms about the frames' own envelope, over
 its mean; and of the background (of full scale)."""
-
 UNLIKE = 0.1
 """Expected difference of two channels' surfaces, over their means."""
-
 UNTOLD = 0.1
 """Standard uncertainty of a log brightness from which on a frame does not tell its exposure."""
-
-
 _DARKER = -1.0
 """Log brightness below which a frame is taken for one of low orders, not of a short exposure."""
-
 _GAMMA = NUMBERS
 _FRAMES = NUMBERS + 1
 _FIXED = 1e-6
@@ -104,16 +110,13 @@ class Unknowns:
         """Where the frames' brightness stands."""
         return slice(_FRAMES, self.ends_from)
 
-    def hold_at(self, theta: Array) -> Array:
-        """The normal equations of what is expected, by reweighting at `theta`.
+    def hold_of(self, theta: Array | None = None) -> Array:
+        """The normal equations of what is expected, by reweighting at `theta`, or of any exposure.
 
         Most cameras keep their exposure, and a few do not: each frame's log brightness b is
         expected to be 0 with the weight 1/(s² + b²), of a Cauchy distribution of the width s.
         """
-        return self.hold_of(np.hypot(ALIKE, theta[self.frames]))
-
-    def hold_of(self, off: Array | float) -> Array:
-        """The same where log brightness is expected to be 0 with the deviations `off`."""
+        off = EXPOSED if theta is None else np.hypot(ALIKE, theta[self.frames])
         hold = self.hold.copy()
         hold[self.frames, self.frames] += np.eye(len(self.shots.raw)) * np.square(off) ** -1.0
         return hold
@@ -122,17 +125,6 @@ class Unknowns:
     def ends_from(self) -> int:
         """Where the backgrounds, or else the surfaces, begin."""
         return _FRAMES + len(self.shots.raw)
-
-    def colours(self, theta: Array, bend: Array) -> tuple[ColourTable, Array]:
-        """The table, and how it changes by the light's numbers (orders, 3, 11)."""
-        if self.table is not None:
-            return self.table, np.zeros((*self.table.signal.shape, NUMBERS))
-        bands, change = band_table(
-            theta[:NUMBERS], bright=self.bright_field, highest_order=self.highest_order
-        )
-        return replace(
-            bands, signal=np.maximum(bands.signal + bend[: len(bands.signal)], 0.0)
-        ), change
 
     def ends(self, theta: Array) -> tuple[Array, Array]:
         """Background and illumination (rows, cols, 3) as light."""
@@ -150,11 +142,8 @@ class Unknowns:
 
     def shown(
         self, theta: Array, frame: int, relief: Array | float = 1.0
-    ) -> tuple[Array, Array, Array, Array, Array]:
-        """One frame's signal, noise and variance, background and contrast at full signal.
-
-        NaN where it is not usable; the variance has the no-load frames' noise too.
-        """
+    ) -> tuple[Array, Array, Array, Array]:
+        """One frame's signal (NaN: not usable), noise, variance with no-load frames', contrast."""
         gamma, shots = float(np.exp(theta[_GAMMA])), self.shots
         exposure = np.exp(theta[_FRAMES + frame])
         background, illumination = self.ends(theta)
@@ -170,14 +159,13 @@ class Unknowns:
         shares = 1.0 if shots.bright is None else 1.0 - share, share
         both = [exposure * a * b for a, b in zip(shares, shots.end_noise, strict=True)]
         variance = (noise**2 + both[0] ** 2 + both[1] ** 2) / contrast**2
-        return signal, noise / contrast, variance, background, contrast
+        return signal, noise / contrast, variance, contrast
 
     def design(
-        self, theta: Array, frame: int, at: Array, ends: list[Array], ideal: Array, change: Array
+        self, theta: Array, frame: int, at: Array, contrast: Array, ideal: Array, change: Array
     ) -> Array:
         """Derivatives (pixels, 3, unknowns) of the model's light, less the frame's."""
         gamma, shots = float(np.exp(theta[_GAMMA])), self.shots
-        _, contrast = ends
         design = np.zeros((len(at), 3, len(theta)))
         design[..., :NUMBERS] = contrast[..., None] * change
         exposure = np.exp(theta[_FRAMES + frame])
@@ -196,9 +184,7 @@ class Unknowns:
             terms = self.surface.reshape(len(self.surface), -1)[:, at].T
             _, plain = self.ends(theta)
             gain = contrast / plain.reshape(-1, 3)[at]
-            count = len(self.surface)
-            for c in range(3):
-                here = slice(start + c * count, start + (c + 1) * count)
+            for c, here in enumerate(np.split(np.arange(start, design.shape[2]), 3)):
                 design[:, c, here] = (gain * ideal)[:, c, None] * terms
         return design
 
@@ -233,18 +219,10 @@ def in_blocks(shots: ColourShots, blocks: int) -> ColourShots:
 
 
 def unknowns(
-    shots: ColourShots,
-    light: ColourTable | Array,
-    gamma: float,
-    *,
-    fixed: bool,
-    bright_field: bool = False,
-    highest_order: float = 3.0,
-) -> Unknowns:
-    """The unknowns' first guess, and what is expected of them; `fixed` where the gamma is given.
-
-    `light`, its table where that is known, else the numbers to start from.
-    """
+    shots: ColourShots, light: ColourTable | Array, gamma: float,
+    *, fixed: bool, bright_field: bool = False, highest_order: float = 3.0,
+) -> Unknowns:  # fmt: skip
+    """The unknowns' first guess, from a table or numbers, and what is expected of them."""
     table = light if isinstance(light, ColourTable) else None
     ends = shots.dark is None or shots.bright is None
     shown = np.where(shots.valid, np.maximum(shots.raw, 0.0), np.nan) ** gamma
@@ -291,9 +269,8 @@ def unknowns(
 def _brightness(light: Array, shots: ColourShots, gamma: float) -> tuple[Array, int]:
     """Log of each frame's brightness (frames,) by its brightest places, and the brightest one.
 
-    Over that of the no-load frame where there is one, else over the brightest frame's: frames of
-    a fringe or more reach nearly full light all alike. One that is darker than exposures differ
-    shows low orders.
+    Over that of the no-load frame where there is one, else over the brightest frame's: frames of a
+    fringe or more reach nearly full light all alike. A far darker one shows low orders.
     """
     top = np.nanpercentile(np.nansum(light, axis=-1), 99.0, axis=(1, 2))
     full = top.max()
@@ -305,38 +282,28 @@ def _brightness(light: Array, shots: ColourShots, gamma: float) -> tuple[Array, 
 
 RELIEF_WIDTH = 0.03
 """Window over which the relief is smoothed, over the frame's longer side."""
-
 STRANGE = 0.15
 """What a pixel's colour leaves, of full light, beyond which it is not the table's."""
-
 _LEAST_SLOPE = 0.3
-
 BLOCKS = 150_000
 """Blocks of pixels, of all frames of a light that is not known, that the search works on, about;
 and pixels of a frame from which on its branches are chosen for blocks of 2 x 2 of them."""
-
 FRAME_BLOCKS = 2_000
 """The same of one frame in a light whose table is known."""
-
 STARTS = ((SENSOR, 1.0), (CORRECTED, 2.2))
 """Lights and gammas to start from: a bare sensor, and a camera that writes for a display."""
-
 TRIALS = 900.0
 """Independent trials that the pixels are taken to stand for where the table is found with the rest:
 neighbours share their errors."""
-
 ROUNDS, UNSMOOTH_FROM = 12, 5
 """Rounds at most, and from which on the illumination's relief and the table's bend are found."""
-
 _LEAST_DOUBT = (LIGHT_ERROR, FOUND_ERROR)
 """How far signals are taken to be off at last, of full light, with a known table and a found one;
 at first it is as far as colours are a table's at all, and half as far in each round."""
-
 _REST = 1e-3
 _SAMPLES = 16_000
 _FITS, _AS_WELL = 4.0, 0.5
 """chi² of a pixel that fits, and by how much less another exposure must leave."""
-
 _LOWEST = 0.15
 """Order below which colours of one hue say nothing of the exposure but through noise."""
 
@@ -374,9 +341,8 @@ class FrameExposure:
 
 @dataclass(frozen=True, kw_only=True)
 class FrameLight:
-    """One frame in a light whose table is known, (rows, cols, 3).
+    """One frame in a light whose table is known, (rows, cols, 3): `signal`, NaN = not usable.
 
-    Its `signal`, NaN where it is not usable, the `variance` of that, and its contrast;
     `order_variance` (rows, cols), fringes², that the light's uncertainty gives to the order.
     """
 
@@ -388,56 +354,37 @@ class FrameLight:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Look:
-    """What one frame says: `equations` of some of its pixels, see `_State.correction`.
-
-    `pixels`, their numbers; `place`, rows of the table that these are nearest to, and `away`, their
-    signals less the table's; `square`, mean square of that in each pixel; `order`; `torn`, share of
-    pixels beside a jump; `cost`, -2 ln of the likelihood; `misfit`, chi² of each pixel; `relief`,
-    sums for `added_relief`.
-    """
-
-    equations: tuple[Array, Array, Array]
-    weight: Array
-    pixels: Indices
-    place: Indices
-    away: Array
-    square: Array
-    order: Array
-    torn: float
-    cost: float
-    misfit: Array
-    relief: Array
-
-
-@dataclass(frozen=True, kw_only=True)
 class _State:
-    """The frames as some unknowns `theta` show them, by the `table` that these are."""
+    """The frames as some unknowns `theta` show them, by the `table` and the `relief` of these.
+
+    Of a sample of all frames' pixels their numbers in the frame, the equations of `correction`, the
+    rows of the table that they are nearest to, and `away`, their signals less the table's. Of all
+    pixels `square`, mean square of that, and the chi² `misfit`; `torn`, share of them beside a
+    jump; `cost`, -2 ln of the likelihood; `relief_sums` for `added_relief`.
+    """
 
     theta: Array
     table: ColourTable
     relief: Array
-    looks: list[_Look]
-
-    @property
-    def cost(self) -> float:
-        """By which ends of the search are compared."""
-        return sum(look.cost for look in self.looks)
-
-    def all_of(self, name: str) -> Array:
-        """What all frames' pixels say."""
-        return np.concatenate([getattr(look, name) for look in self.looks])
+    pixels: Indices
+    design: Array
+    residual: Array
+    along: Array
+    weight: Array
+    place: Indices
+    away: Array
+    square: Array
+    misfit: Array
+    order: Array  # (frames, rows, cols)
+    torn: float
+    cost: float
+    relief_sums: Array
 
     def correction(self, known: Unknowns, hold: Array) -> tuple[Array, Array]:
-        """Change of the unknowns and their covariance, every pixel's order being free.
-
-        `hold`, the normal equations of what is expected.
-        """
-        equations = (look.equations for look in self.looks)
-        design, residual, along = map(np.concatenate, zip(*equations, strict=True))
-        share = len(residual) / TRIALS if known.table is None else 1.0
+        """Change of the unknowns and their covariance, every pixel's order being free."""
+        share = len(self.residual) / TRIALS if known.table is None else 1.0
         back = known.expected - self.theta
-        flat, residual = _across(design, along), _across(residual, along)
+        flat, residual = (_across(part, self.along) for part in (self.design, self.residual))
         size = np.sum(residual**2, axis=1)
         usual = max(float(np.median(size)), 1e-12) if len(size) else 1.0
         weight = 1.0 / (1.0 + (size / (9.0 * usual)) ** 2)
@@ -450,15 +397,11 @@ class _State:
 
 def find_light(
     shots: ColourShots,
-    *,
-    gamma: float | None = None,
-    bright_field: bool = False,
-    highest_order: float = 3.5,
-) -> OwnLight:
+    *, gamma: float | None = None, bright_field: bool = False, highest_order: float = 3.5,
+) -> OwnLight:  # fmt: skip
     """Find a light from the colours of frames in it, of any specimens; `gamma` is found where None.
 
-    Colours are looked for up to `highest_order`. InputError where no fringes are seen or no colours
-    recognised.
+    InputError where no fringes are seen or no colours recognised.
     """
     small = in_blocks(shots, BLOCKS)
     searches = [
@@ -470,47 +413,33 @@ def find_light(
     ]  # fmt: skip
     ends = [(known, *_search(known)) for known in searches]
     known, best, moved = min(ends, key=lambda end: end[1].cost)
-    _, covariance = best.correction(known, known.hold_of(EXPOSED))
+    _, covariance = best.correction(known, known.hold_of())
     fitted, size = float(np.exp(best.theta[_GAMMA])), shots.raw.shape[1:3]
     background, illumination = known.ends(best.theta)
-    away, square = best.all_of("away"), best.all_of("square")
+    background, illumination = (  # of the blocks, on the frame's own pixels
+        cv2.resize(np.ascontiguousarray(end), size[::-1], interpolation=cv2.INTER_LINEAR)
+        for end in (background, illumination * best.relief[..., None])
+    )
     # each pixel's own order has taken one of its three signals
-    spread = np.sqrt(3.0 / 2.0 * np.mean(away**2, axis=0))
+    spread = np.sqrt(3.0 / 2.0 * np.mean(best.away**2, axis=0))
     return OwnLight(
         table=replace(best.table, spread=spread),
         gamma=fitted, gamma_uncertainty=fitted * float(np.sqrt(covariance[_GAMMA, _GAMMA])),
         numbers=best.theta[:NUMBERS], brightness=np.exp(best.theta[known.frames]),
-        background=_enlarged(background, size),
-        illumination=_enlarged(illumination * best.relief[..., None], size),
-        residual=float(np.sqrt(np.mean(np.minimum(square, 0.04)))),
-        torn=float(np.mean([look.torn for look in best.looks])),
-        strange=float(np.mean(square > STRANGE**2)), moved=moved,
-        highest=float(np.nanpercentile(best.all_of("order"), 99.0)),
+        background=background, illumination=illumination,
+        residual=float(np.sqrt(np.mean(np.minimum(best.square, 0.04)))), torn=best.torn,
+        strange=float(np.mean(best.square > STRANGE**2)), moved=moved,
+        highest=float(np.nanpercentile(best.order, 99.0)),
     )  # fmt: skip
 
 
-def _enlarged(blocks: Array, size: tuple[int, ...]) -> Array:
-    """Values of blocks (rows, cols, 3) on the frame's own pixels, linear in between."""
-    places = [(np.arange(n) + 0.5) * m / n - 0.5 for n, m in zip(size, blocks.shape, strict=False)]
-    grid = np.meshgrid(*places, indexing="ij")
-    return np.stack(
-        [map_coordinates(blocks[..., c], grid, order=1, mode="nearest") for c in range(3)], axis=-1
-    )
-
-
 def find_frame_light(
-    light: Array,
-    table: ColourTable,
-    *,
-    sigma: Array,
-    dark: Array | None,
-    bright: Array | None,
-    valid: Mask,
-) -> FrameLight:
+    light: Array, table: ColourTable,
+    *, sigma: Array, dark: Array | None, bright: Array | None, valid: Mask,
+) -> FrameLight:  # fmt: skip
     """Find what no-load frames do not say of a loaded frame's light: all of it, or its exposure.
 
-    `sigma` is the light's noise; `dark`, `bright` the no-load frames that there are. InputError
-    where nothing has contrast, or no colour is the table's.
+    InputError where nothing has contrast, or no colour is the table's.
     """
     of_dark, of_bright = (0.0 if end is None else _noise(end, valid) for end in (dark, bright))
     shots = ColourShots(light[None], sigma[None], valid[None], dark, bright, (of_dark, of_bright))
@@ -529,7 +458,7 @@ def find_frame_light(
         theta, variance = state.theta, _order_variance(state, covariance, shape)
         exposure = FrameExposure(float(np.exp(theta[_FRAMES])), spread)
     complete = replace(known, shots=shots, surface=channel_light(*shape))
-    signal, _, noise, _, _ = complete.shown(theta, 0)
+    signal, _, noise, _ = complete.shown(theta, 0)
     return FrameLight(
         signal=signal, variance=noise, order_variance=variance, exposure=exposure,
         contrast=np.exp(theta[_FRAMES]) * complete.ends(theta)[1],
@@ -538,12 +467,10 @@ def find_frame_light(
 
 def _order_variance(state: _State, covariance: Array, shape: tuple[int, ...]) -> Array:
     """What the unknowns' covariance gives to the order of each pixel (rows, cols), fringes²."""
-    (look,) = state.looks
-    design, _, along = look.equations
-    size = np.sum(along**2 + (_LEAST_SLOPE * look.weight) ** 2, axis=1)
-    rate = np.einsum("pc,pcn->pn", along, design) / size[:, None]
-    known = np.full(look.order.shape, np.nan)
-    known.flat[look.pixels] = np.einsum("pn,nm,pm->p", rate, covariance, rate)
+    size = np.sum(state.along**2 + (_LEAST_SLOPE * state.weight) ** 2, axis=1)
+    rate = np.einsum("pc,pcn->pn", state.along, state.design) / size[:, None]
+    known = np.full(state.order[0].shape, np.nan)
+    known.flat[state.pixels] = np.einsum("pn,nm,pm->p", rate, covariance, rate)
     rows, cols = (np.arange(shape[k]) * known.shape[k] // shape[k] for k in (0, 1))
     return np.asarray(nearest_known(known, np.isfinite(known))[np.ix_(rows, cols)])
 
@@ -551,7 +478,7 @@ def _order_variance(state: _State, covariance: Array, shape: tuple[int, ...]) ->
 def _exposed(known: Unknowns, table: ColourTable) -> tuple[_State, float]:
     """A frame at its exposure over that of both its no-load frames, and this one's uncertainty."""
     (alike, _), (best, _) = _search(known, 0.0, 1), _search(known, 0.0)
-    misfit = best.looks[0].misfit
+    misfit = best.misfit
     if misfit.sum() > _FITS * len(misfit):  # no order gives these colours: too far away
         starts = EXPOSED * np.linspace(-3.0, 3.0, 31)
         start = min(starts, key=lambda b: _search(known, b, 1)[0].cost)
@@ -560,7 +487,7 @@ def _exposed(known: Unknowns, table: ColourTable) -> tuple[_State, float]:
     as_well = alike.cost - best.cost < _AS_WELL * len(misfit)
     if as_well:  # low orders look like higher ones of a shorter exposure, and these seem to tell it
         spread = max(spread, _log_spread(alike, table))
-    if np.nanpercentile(alike.looks[0].order, 98.0) < _LOWEST:
+    if np.nanpercentile(alike.order, 98.0) < _LOWEST:
         return alike, EXPOSED
     same = abs(away) < ALIKE or (as_well and abs(away) < DIFFER * spread)
     return (alike if same else best), spread
@@ -568,12 +495,10 @@ def _exposed(known: Unknowns, table: ColourTable) -> tuple[_State, float]:
 
 def _log_spread(state: _State, table: ColourTable) -> float:
     """Standard uncertainty of a log brightness, with the error that a table's orders share."""
-    (look,) = state.looks
-    design, _, along = look.equations
-    column = _across(design[..., _FRAMES], along)
+    column = _across(state.design[..., _FRAMES], state.along)
     shared = np.hypot(LIGHT_ERROR, 0.5 * float(table.spread.max()))
     information = float(np.sum(column**2)) + 1e-9
-    by_table = shared * float(np.sum(np.abs(column) * look.weight)) / information
+    by_table = shared * float(np.sum(np.abs(column) * state.weight)) / information
     return float((1.0 / (1.0 / information + by_table**2) + EXPOSED**-2) ** -0.5)
 
 
@@ -593,12 +518,12 @@ def _search(
     before: _State | None = None
     for turn in range(rounds):
         state = _state(known, theta, bend, relief, doubt)
-        if len(state.all_of("place")) < FEWEST and brightness is None:
+        if len(state.place) < FEWEST and brightness is None:
             if before is None or known.table is not None:
                 unlike = "frame_colours_not_table", "colours_frames_not_recognised"
                 raise InputError(unlike[known.table is None])
             return before, 1.0
-        step, _ = state.correction(known, known.hold_at(theta))
+        step, _ = state.correction(known, known.hold_of(theta))
         at_rest = known.table is not None and doubt == least and np.abs(step).max() < _REST
         if turn + 1 == rounds or at_rest:
             break
@@ -612,19 +537,11 @@ def _search(
     return state, float(np.abs(tables[0][:both] - tables[1][:both]).max())
 
 
-def _state(known: Unknowns, theta: Array, bend: Array, relief: Array, doubt: float) -> _State:
-    """Look all frames' orders up; `doubt` is how far signals are taken to be off, of full light."""
-    table, change = known.colours(theta, bend)
-    frames = range(len(known.shots.raw))
-    looks = [_look(known, theta, f, table, change, relief, doubt) for f in frames]
-    return _State(theta=theta, table=table, relief=relief, looks=looks)
-
-
 def added_bend(state: _State, length: int) -> Array:
     """What pixels add to the bend (length, 3): what they leave at each order, across the curve."""
-    table, place = state.table, state.all_of("place")
+    table, place = state.table, state.place
     size, width = len(table.signal), WIDTH / STEP
-    clipped = np.clip(state.all_of("away"), -STRANGE, STRANGE).T
+    clipped = np.clip(state.away, -STRANGE, STRANGE).T
     sums = [np.bincount(place, weights=w, minlength=size) for w in (np.ones(len(place)), *clipped)]
     count, *total = gaussian_filter1d(np.array(sums), width, axis=1, mode="constant")
     mean = (np.array(total) / (count + 1.0)).T
@@ -635,61 +552,73 @@ def added_bend(state: _State, length: int) -> Array:
 
 
 def added_relief(state: _State) -> Array:
-    """What frames add to the relief, over it: Σ r·a / Σ a·a over a window and all frames.
-
-    r the rests and a the signals, both across the curve of colours.
-    """
-    sums = np.sum([look.relief for look in state.looks], axis=0)
-    width = RELIEF_WIDTH * max(sums.shape[1:])
-    smoothed, size = (gaussian_filter(part, width) for part in sums)
+    """What frames add to the relief, over it: Σ r·a / Σ a·a, rests and signals across the curve."""
+    width = RELIEF_WIDTH * max(state.relief.shape)
+    smoothed, size = (gaussian_filter(part, width) for part in state.relief_sums)
     return np.asarray(smoothed / (size + 0.01))
 
 
-def _look(
-    known: Unknowns,
-    theta: Array,
-    frame: int,
-    table: ColourTable,
-    change: Array,
-    relief: Array,
-    doubt: float,
-) -> _Look:
-    """Look one frame's orders up, and make equations of a sample of its pixels."""
-    signal, noise, variance, *ends = known.shown(theta, frame, relief)
-    variance = variance + doubt**2 + table.spread**2
-    choice = choose_orders(signal.astype(np.float32), variance.astype(np.float32), table)
-    tears = beside_jumps(choice.order)
-    inside = ~tears & np.isfinite(signal).all(axis=-1) & (choice.misfit < COST_OF_JUMP)
-    inside &= table.coloured(signal, STRANGE)
-    place = table.place(choice.order[inside])
-    ideal, slope = table.signal[place], table.slope[place]
-    away = signal[inside] - ideal
-    readable = np.isfinite(choice.order)
-    off = (signal - table.signal[table.place(np.nan_to_num(choice.order))]) ** 2
-    square = np.nanmean(off[readable & ~tears], axis=1)
-    selected = np.flatnonzero(inside.ravel())
-    picked = np.arange(len(selected))
-    wanted = max(500, _SAMPLES // len(known.shots.raw))
-    if len(selected) > wanted:
-        picked = np.random.default_rng(frame).choice(len(selected), wanted, replace=False)
-    weight = 1.0 / np.sqrt(variance[inside][picked])
-    ends = [part[inside][picked] for part in ends]
-    pixels = selected[picked]
-    design = known.design(theta, frame, pixels, ends, ideal[picked], change[place[picked]])
-    equations = (weight / ends[1])[..., None] * design, weight * away[picked]
-    across = _across(ideal, slope, _LEAST_SLOPE)
-    relief_sums = np.zeros((2, *inside.shape))
-    relief_sums[0][inside] = np.sum(np.clip(away, -STRANGE, STRANGE) * across, axis=1)
-    relief_sums[1][inside] = np.sum(across**2, axis=1)
-    complete = np.isfinite(signal).all(axis=-1) & readable
-    misfit = np.minimum(choice.misfit[complete], COST_OF_JUMP)
-    # of the two equations a block: else a shorter exposure, with more noise, would fit better
-    by_noise = 2.0 * float(np.log(variance[complete] / noise[complete] ** 2).mean(axis=-1).sum())
-    return _Look(
-        equations=(*equations, weight * slope[picked]), weight=weight, pixels=pixels,
-        place=place[picked], away=away[picked], square=square, order=choice.order,
-        misfit=misfit, cost=float(misfit.sum()) + by_noise + choice.rough, relief=relief_sums,
-        torn=float(np.mean(tears[readable])) if readable.any() else 1.0,
+def _state(known: Unknowns, theta: Array, bend: Array, relief: Array, doubt: float) -> _State:
+    """Look all frames' orders up; `doubt` is how far signals are taken to be off, of full light."""
+    table, frames = known.table, len(known.shots.raw)
+    if table is None:
+        bands, change = band_table(
+            theta[:NUMBERS], bright=known.bright_field, highest_order=known.highest_order
+        )
+        bent = np.maximum(bands.signal + bend[: len(bands.signal)], 0.0)
+        table = replace(bands, signal=bent)
+    else:  # no number of the light changes it
+        change = np.zeros((*table.signal.shape, NUMBERS))
+    looks: dict[str, list[Array]] = defaultdict(list)
+    torn, cost, relief_sums = [], [], []
+    for frame in range(frames):
+        signal, noise, variance, contrast = known.shown(theta, frame, relief)
+        variance = variance + doubt**2 + table.spread**2
+        choice = choose_orders(signal.astype(np.float32), variance.astype(np.float32), table)
+        tears = beside_jumps(choice.order)
+        usable = np.isfinite(signal).all(axis=-1)
+        inside = ~tears & usable & (choice.misfit < COST_OF_JUMP)
+        if table.white is not None:
+            inside &= (np.abs(np.nan_to_num(signal) - table.white) > STRANGE).any(axis=-1)
+        place = table.place(choice.order[inside])
+        ideal, slope = table.signal[place], table.slope[place]
+        away = signal[inside] - ideal
+        readable = np.isfinite(choice.order)
+        off = (signal - table.signal[table.place(np.nan_to_num(choice.order))]) ** 2
+        # equations of a sample of the pixels
+        selected = np.flatnonzero(inside.ravel())
+        picked = np.arange(len(selected))
+        wanted = max(500, _SAMPLES // frames)
+        if len(selected) > wanted:
+            picked = np.random.default_rng(frame).choice(len(selected), wanted, replace=False)
+        pixels, weight = selected[picked], 1.0 / np.sqrt(variance[inside][picked])
+        full = contrast[inside][picked]
+        design = known.design(theta, frame, pixels, full, ideal[picked], change[place[picked]])
+        across = _across(ideal, slope, _LEAST_SLOPE)
+        sums = np.zeros((2, *inside.shape))
+        sums[0][inside] = np.sum(np.clip(away, -STRANGE, STRANGE) * across, axis=1)
+        sums[1][inside] = np.sum(across**2, axis=1)
+        complete = usable & readable
+        misfit = np.minimum(choice.misfit[complete], COST_OF_JUMP)
+        # of the two equations a block: else a shorter exposure, with more noise, would fit better
+        excess = np.log(variance[complete] / noise[complete] ** 2).mean(axis=-1)
+        look = {
+            "pixels": pixels, "design": (weight / full)[..., None] * design, "weight": weight,
+            "residual": weight * away[picked], "along": weight * slope[picked],
+            "place": place[picked], "away": away[picked], "order": choice.order[None],
+            "square": np.nanmean(off[readable & ~tears], axis=1), "misfit": misfit,
+        }  # fmt: skip
+        for name, part in look.items():
+            looks[name].append(part)
+        torn.append(float(np.mean(tears[readable])) if readable.any() else 1.0)
+        changes = (COST_OF_SLOPE * np.abs(np.diff(choice.order, axis=axis)) for axis in (0, 1))
+        rough = sum(float(np.nansum(np.minimum(change, COST_OF_JUMP))) for change in changes)
+        cost.append(float(misfit.sum()) + 2.0 * float(excess.sum()) + rough)
+        relief_sums.append(sums)
+    return _State(
+        theta=theta, table=table, relief=relief, torn=float(np.mean(torn)), cost=sum(cost),
+        relief_sums=np.sum(relief_sums, axis=0),
+        **{name: np.concatenate(parts) for name, parts in looks.items()},
     )  # fmt: skip
 
 
@@ -702,15 +631,10 @@ def _across(part: Array, along: Array, least: float = 1e-9) -> Array:
 
 def _noise(frame: Array, valid: Mask) -> Array:
     """Noise (channels,) of a no-load frame: fourth differences along every third row, by median."""
-    rows, good = frame[::STRIDE].astype(np.float32), valid[::STRIDE]
-    rough = sum(
-        weight * rows[:, i : rows.shape[1] - 4 + i]
-        for i, weight in enumerate((1.0, -4.0, 6.0, -4.0, 1.0))
-    )
-    inside = good[:, 2:-2]
-    estimates = np.zeros(frame.shape[2])
+    rough = np.abs(np.diff(frame[::STRIDE].astype(np.float32), 4, axis=1))
+    inside, estimates = valid[::STRIDE, 2:-2], np.zeros(frame.shape[2])
     for c in range(frame.shape[2]):
-        size = np.abs(np.asarray(rough)[..., c][inside[..., c]])
+        size = rough[..., c][inside[..., c]]
         if size.size:
             # rounding to whole levels makes the median itself a step; the middle half does not
             low, high = np.percentile(size, (25.0, 75.0))

@@ -3,6 +3,7 @@
 from functools import lru_cache
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt, gaussian_filter
@@ -10,9 +11,7 @@ from scipy.ndimage import distance_transform_edt, gaussian_filter
 Array = NDArray[Any]
 Mask = NDArray[np.bool_]
 Indices = NDArray[np.intp]
-
 TURN = 2.0 * np.pi
-
 REACH = 3.0
 """Standard deviations that a window of `Windows` extends."""
 _COARSE = 1.75
@@ -39,18 +38,13 @@ def gaussian(
 
     `order`, of the derivative along rows and columns, 2 at most; `reach`, in standard deviations.
     """
-    import cv2
-
     down, across = (_gaussian_kernel(float(width_px), k, reach) for k in order)
     return np.asarray(cv2.sepFilter2D(image, -1, across, down, borderType=cv2.BORDER_REFLECT))
 
 
 @lru_cache(maxsize=64)
 def _gaussian_kernel(width_px: float, order: int, reach: float) -> Array:
-    """A Gaussian's weights along an axis, or those of its derivative there.
-
-    A picture takes a few over and over.
-    """
+    """A Gaussian's weights along an axis, or those of its derivative there."""
     half = int(reach * width_px + 0.5)
     u = np.arange(-half, half + 1) / width_px
     bell = np.exp(-0.5 * u**2)
@@ -61,14 +55,11 @@ def _gaussian_kernel(width_px: float, order: int, reach: float) -> Array:
 def gaussian_sum(
     values: Array, width_px: float, *, reach: float = 4.0, factor: float = 1.0
 ) -> Array:
-    """Sum over a Gaussian window whose weight is 1 in the middle, of values that are nought where
-    masked.
+    """Sum over a Gaussian window of height 1, of values nought where masked, times `factor`.
 
-    Its standard deviation is `width_px`, of which it extends `reach`. The square of such a window
-    is one of width/√2: it gives the variance of a pooled sum. The sums are times `factor`.
+    It extends `reach` of its deviation `width_px`. The square of such a window is one of width/√2:
+    it gives the variance of a pooled sum.
     """
-    import cv2
-
     height = np.sqrt(2.0 * np.pi) * width_px
     weights = np.asarray(height * _gaussian_kernel(width_px, 0, reach), np.float32)
     single = np.ascontiguousarray(values, dtype=np.float32)
@@ -86,10 +77,9 @@ class Windows:
         self._halved: list[Array] = [np.ascontiguousarray(values, dtype=np.float32)]
 
     def sum(self, width_px: float) -> Array:
-        """Sum over a window whose weight is 1 in the middle, (rows, cols), single precision.
+        """Sum over a window of height 1 and deviation `width_px`, (rows, cols), float32.
 
-        `width_px`, the window's standard deviation, pixels. Of it is taken off what blocks, and the
-        way back from them, widen it by.
+        Of that is taken off what blocks, and the way back from them, widen it by.
         """
         shape = self._halved[0].shape
         share = width_px / (self._side * _COARSE)
@@ -106,8 +96,6 @@ class Windows:
 
 def halved(values: Array) -> Array:
     """Means of an image (rows, cols), float32, over blocks of 2 x 2, with nought beyond its rim."""
-    import cv2
-
     rows, cols = values.shape
     if rows % 2 or cols % 2:
         values = cv2.copyMakeBorder(values, 0, rows % 2, 0, cols % 2, cv2.BORDER_CONSTANT, value=0)
@@ -117,8 +105,6 @@ def halved(values: Array) -> Array:
 
 def expanded(values: Array, shape: tuple[int, int], by: int) -> Array:
     """An image of `shape` (rows, cols), linear between the middles of blocks of `by` pixels."""
-    import cv2
-
     if by == 1:
         return values
     size = (by * values.shape[1], by * values.shape[0])
@@ -155,33 +141,24 @@ def masked(values: Array, known: Mask, nothing: float = np.nan) -> Array:
 LARGEST_CHANGE = 0.35
 """Fringes from one pixel, or one frame, to the next that are followed: below half of the distance
 of 1 after which the light is the same, with a margin for what noise and fields add."""
-
 POOLED_PX = 3.0
 """Window over which what changes slowly is pooled, standard deviation."""
-
 LIGHT_ERROR = 0.003
 """Of light, or of a table of it, at best, of full light, that neighbours share: what a frame
 without noise is still weighed by."""
-
 DIMMEST = 0.1
 """Contrast, over that of the brightest places, below which a pixel is without light."""
-
 ALIKE, EXPOSED, DIFFER = 0.02, 0.5, 3.0
 """Share by which frames may differ in brightness and still be of one exposure; the deviation of log
 brightness where nothing tells it; by how many standard uncertainties another exposure differs."""
-
 ROUNDS, MOVES = 8, 3
 """Steps at most of a fit that reweights or bends, and moves of an order over a window."""
-
 FAINTEST_LIGHT = 0.01
 """Light, of full scale or of the contrast, that is as good as none."""
-
 COMPLETE = 0.95
 """Share of a window that must be seen for it to be beside no edge."""
-
 STRIDE, FEWEST = 3, 50
 """Every so many pixels tell as much as all, and as few tell nothing."""
-
 MOSTLY = 97.0
 """Per cent of the pixels that are judged together: about a force the order changes faster than it
 can be followed, and there it is lost alone."""

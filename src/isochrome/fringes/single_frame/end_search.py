@@ -1,24 +1,23 @@
-"""The search for the ends of the light: damped steps on all unknowns, from several starts.
-
-A patch that touches a crest and one that crosses it fit nearly alike, and a search that starts with
-the bright end too low leaves patches on the wrong side: that is why it starts more than once, looks
-at every patch afresh now and then, and keeps the cheaper result. For that the frame is normalised
-by the ends as they stand, cut into patches and fitted by quadratics as any frame is (`patches`);
-those that can be followed are used, with their light as it is. Where two results cost about the
-same the light does not tell which is right: the frame is read by both (`possible`), and where only
-numbers are wanted, such as the exponent, their difference is an uncertainty.
-The loop is not `isochrome.estimation.minimise`: the patches follow each step by steps of their own
-and are made anew in between, and a cost is compared only as long as they are the same ones.
-Sources: Golub & Pereyra (1973), SIAM J. Numer. Anal. 10, 413, for the elimination; Levenberg
-(1944), Q. Appl. Math. 2, 164, for the damping.
-
-Ends of the light and patches of the order as one least-squares problem.
+"""The search for the ends of the light: one least-squares problem of the ends and many patches.
 
 A patch's pixel has the light I = M^(1/g), M = D (1 - s) + B s, s = (1 - a cos 2 pi N)/2: D and B
 are sums of given shapes, N is a cubic of the place, g the tone exponent, and a = sinc N_x sinc N_y
 what a bin of some pixels leaves of a fringe. The cubic terms are nuisances: without them, what a
 quadratic cannot follow would be taken for light, with a certainty that it does not have.
+
+A patch that touches a crest and one that crosses it fit nearly alike, and a search that starts with
+the bright end too low leaves patches on the wrong side: that is why it starts more than once, looks
+at every patch afresh now and then (normalised by the ends as they stand, as any frame's `patches`),
+and keeps the cheaper result. Where two results cost about the same the light does not tell which is
+right: the frame is read by both (`possible`), and where only numbers are wanted, such as the
+exponent, their difference is an uncertainty. The loop is not `isochrome.estimation.minimise`: the
+patches follow each step by steps of their own and are made anew in between, and a cost is compared
+only as long as they are the same ones.
+Sources: Golub & Pereyra (1973), SIAM J. Numer. Anal. 10, 413, for the elimination; Levenberg
+(1944), Q. Appl. Math. 2, 164, for the damping.
 """
+
+from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -30,20 +29,16 @@ from scipy.special import factorial
 from isochrome.errors import InputError
 from isochrome.estimation import State, damped, minimise_all, solve_all, total_degree
 from isochrome.fringes.on_branch import AT_REST, LARGEST_UNCERTAINTY
-from isochrome.fringes.single_frame.end_images import (
-    QUADRATICS,
-    SmoothImages,
-    as_spotted,
-    spots_beyond_prior,
-)
 from isochrome.fringes.single_frame.patches import (
+    DX,
+    DY,
     SIDE,
     SMALLEST,
     STRIDE,
+    WINDOW,
     WORST_CHI,
     fit_patches,
     gather_patches,
-    offsets,
     patch_prior,
 )
 from isochrome.fringes.windows import (
@@ -56,17 +51,63 @@ from isochrome.fringes.windows import (
     Mask,
 )
 
+DEGREE = 2
+"""Of the products: lamps fall off to the corners."""
+QUADRATICS = len(total_degree(DEGREE))
+"""How many products there are, which come first."""
+
+
+@dataclass(frozen=True)
+class SmoothImages:
+    """Images f_k(row) g_k(col) over a frame, and how large each may be beforehand.
+
+    Their factors `down` (rows, a) and `across` (cols, b); `pairs` (terms, 2) of these; `spread`
+    (terms,): a coefficient's prior deviation, over the contrast, inf for the even light.
+    """
+
+    down: Array
+    across: Array
+    pairs: Indices
+    spread: Array
+
+    @property
+    def images(self) -> Array:
+        """All of them (rows, cols, terms)."""
+        row, col = self.pairs.T
+        return np.asarray(self.down[:, None, row] * self.across[None, :, col])
+
+    def sum(self, coefficients: Array) -> Array:
+        """Their sum with some coefficients (terms,): (rows, cols)."""
+        table = np.zeros((self.down.shape[1], self.across.shape[1]))
+        table[tuple(self.pairs.T)] = coefficients
+        return np.asarray(self.down @ table @ self.across.T)
+
+    def along(self, image: Array) -> Array:
+        """Sum of each one times an image (rows, cols) over the frame: (terms,)."""
+        return np.asarray((self.down.T @ image @ self.across)[tuple(self.pairs.T)])
+
+    def products(self, other: SmoothImages, weight: Array) -> Array:
+        """Sums of each one times each of the others, by `weight` (rows, cols): (terms, others)."""
+        down, across = (
+            (one[:, :, None] * two[:, None, :]).reshape(len(one), -1)
+            for one, two in ((self.down, other.down), (self.across, other.across))
+        )
+        sizes = (self.down.shape[1], other.down.shape[1], self.across.shape[1], -1)
+        (i, j), (k, l) = self.pairs.T[..., None], other.pairs.T[:, None, :]
+        return np.asarray((down.T @ weight @ across).reshape(sizes)[i, k, j, l])
+
+
 _CUBIC = 1e-3
 """Prior standard deviation of the cubic terms, fringes/px³."""
 _TONE = 0.5
 _PIVOT = 1e-3
-
-
 _POWERS = total_degree(3)
 """Of the place along x and y in a cubic's terms: a quadratic's six, N_xxx, N_xxy, N_xyy, N_yyy."""
 TERMS = len(_POWERS)
-_DY, _DX, _ = (part.astype(float) for part in offsets())
-BASIS: Array = np.stack([_DX**i * _DY**j / factorial([i, j]).prod() for i, j in _POWERS], axis=-1)
+BASIS: Array = np.stack(
+    [DX.astype(float) ** i * DY.astype(float) ** j / factorial([i, j]).prod() for i, j in _POWERS],
+    axis=-1,
+)
 """The cubic's terms at a patch's pixels (k, 10)."""
 _PAIRS = (BASIS[:, :, None] * BASIS[:, None, :]).reshape(len(BASIS), -1)
 _PRIOR = np.append(patch_prior(), np.full(TERMS - len(patch_prior()), _CUBIC**-2)).astype(float)
@@ -77,10 +118,8 @@ _DIAGONAL = np.arange(TERMS)
 class EndProblem:
     """A frame in bins of `by` pixels: `light`, `sigma`, `valid` (rows, cols), and its unknowns.
 
-    `shapes`, what the dark and the bright end are sums of, with the terms' prior deviations over
-    the contrast; of an end that is given, its image (rows, cols), of which one term is a multiple;
-    `tone`, whether g is unknown; `scale`, about the contrast. The unknowns' vector holds the dark
-    end's terms, the bright end's, and g.
+    Their vector: terms of the `shapes` that the dark and the bright end are sums of (of an end that
+    is given a multiple of its image), and g, to be found where `tone`; `scale`, about the contrast.
     """
 
     light: Array = field(repr=False)
@@ -120,12 +159,14 @@ class EndProblem:
 
     def ends(self, unknowns: Array) -> tuple[Array, Array]:
         """D and B of all bins (rows, cols)."""
-        cut, g = len(self.spreads[0]), unknowns[-1]
-        dark, bright = (
-            _end(shape, terms, g)
-            for shape, terms in zip(self.shapes, (unknowns[:cut], unknowns[cut:-1]), strict=True)
-        )
-        return dark, bright
+        cut, g, ends = len(self.spreads[0]), unknowns[-1], []
+        for shape, terms in zip(self.shapes, (unknowns[:cut], unknowns[cut:-1]), strict=True):
+            if isinstance(shape, SmoothImages):
+                ends.append(shape.sum(terms))
+            else:
+                given = terms[0] * shape
+                ends.append(given if g == 1.0 else np.maximum(given, 0.0) ** g)
+        return ends[0], ends[1]
 
     def prior(self, unknowns: Array) -> tuple[Array, Array]:
         """Inverse variances of the unknowns, and their distance from what is expected."""
@@ -140,21 +181,12 @@ class EndProblem:
         return float((weight * away**2)[self.free].sum())
 
 
-def _end(shape: SmoothImages | Array, terms: Array, g: float) -> Array:
-    """An end (rows, cols): a sum of smooth images, or what is given to the power g."""
-    if isinstance(shape, SmoothImages):
-        return shape.sum(terms)
-    given = terms[0] * shape
-    return np.asarray(given if g == 1.0 else np.maximum(given, 0.0) ** g)
-
-
 @dataclass(frozen=True, kw_only=True)
 class PatchData:
     """Patches in use of a problem: `index` on their lattice (p,), and their pixels (p, k).
 
     `pixels`, their numbers in the frame; `light`, `weight` of each; `window`, the sum of a patch's
-    pixels' weights before the noise (p,); `chi` (p,); `thinned`, whether every second patch was
-    left out.
+    pixels' weights before the noise (p,); `chi` (p,); `overlap`, how often a pixel was counted.
     """
 
     problem: EndProblem = field(repr=False)
@@ -164,57 +196,46 @@ class PatchData:
     pixels: Indices = field(repr=False)
     window: Array = field(repr=False)
     chi: Array = field(repr=False)
-    thinned: bool
+    overlap: float
 
     @cached_property
     def images(self) -> list[Array]:
         """Those of `EndProblem.found` at the patches' pixels (p, k, terms)."""
-        return [
-            image.images.reshape(self.problem.light.size, -1)[self.pixels]
-            for image in self.problem.found
-        ]
+        size = self.problem.light.size
+        return [image.images.reshape(size, -1)[self.pixels] for image in self.problem.found]
 
 
-@dataclass(frozen=True)
 class PatchEnds:
     """Some `unknowns` (terms,), and the ends D, B that they are at the patches' pixels (p, k)."""
 
-    unknowns: Array
-    dark: Array = field(repr=False)
-    bright: Array = field(repr=False)
-
-
-def ends_at(data: PatchData, unknowns: Array) -> PatchEnds:
-    """The ends at the patches' pixels.
-
-    Parameters: `data`; `unknowns` (terms,). Returns the PatchEnds.
-    """
-    return PatchEnds(unknowns, *(end.ravel()[data.pixels] for end in data.problem.ends(unknowns)))
+    def __init__(self, data: PatchData, unknowns: Array) -> None:
+        self.data, self.unknowns = data, unknowns
+        ends = data.problem.ends(unknowns)
+        self.dark, self.bright = (end.ravel()[data.pixels] for end in ends)
 
 
 class PatchModel:
-    """The model at some ends and orders: `cost` of each patch, `residual` (p, k).
+    """The model at some ends and patches' terms `orders` (p, 10), in the precision of the light.
 
-    Slopes (p, k) are worked out when they are asked for: `slope` by the order; `columns`, by what
-    is to be found; `gain`, dI/dM, 1 where that is none.
+    `cost` of each patch, `residual` (p, k); slopes (p, k) when they are asked for.
     """
 
-    def __init__(self, data: PatchData, ends: PatchEnds, orders: Array) -> None:
-        """Take the patches' terms `orders` (p, 10); the phase is in the precision of the light."""
-        problem, g, precision = data.problem, ends.unknowns[-1], data.light.dtype
-        self.problem, self.ends = problem, ends
+    def __init__(self, ends: PatchEnds, orders: Array) -> None:
+        data, g, precision = ends.data, ends.unknowns[-1], ends.data.light.dtype
+        problem = self.problem = data.problem
+        self.ends, self.orders = ends, orders
         self._angle = (TURN * (orders @ BASIS.T)).astype(precision)
         self._fade = _fade(orders.astype(precision)) if problem.by > 1 else 1.0
         self._signal = 0.5 - 0.5 * self._fade * np.cos(self._angle)
         self._light = self._linear = ends.dark + (ends.bright - ends.dark) * self._signal
-        self.gain: Array | float = 1.0
+        self.gain: Array | float = 1.0  # dI/dM
         if problem.tone or g != 1.0:
             self._linear = np.maximum(self._linear, FAINTEST_LIGHT * problem.scale)
             self._light = self._linear ** (1.0 / g)
             self.gain = self._light / (g * self._linear)
         self.residual = data.light - self._light
-        square = np.einsum("pk,pk,pk->p", data.weight, self.residual, self.residual)
-        self.cost = square + (orders**2) @ _PRIOR
+        self.square = np.einsum("pk,pk,pk->p", data.weight, self.residual, self.residual)
+        self.cost = self.square + (orders**2) @ _PRIOR
 
     @cached_property
     def slope(self) -> Array:
@@ -266,21 +287,17 @@ def _information(
 
 
 def refine_ends(
-    data: PatchData, ends: PatchEnds, orders: Array, damping: Array, steps: int
+    ends: PatchEnds, orders: Array, damping: Array, steps: int
 ) -> tuple[Array, Array, Array]:
-    """Damped steps of the patches alone, each taken where it lowers the patch's cost.
-
-    Of `orders`, the patches' terms (p, 10), by their `damping` (p,). Returns the orders, the
-    patches' costs, the damping.
-    """
+    """Orders (p, 10), costs, damping (p,) after steps of the patches alone that lower costs."""
 
     def at(orders: Array) -> State:
-        now = PatchModel(data, ends, orders)
+        now = PatchModel(ends, orders)
         return now.cost, now.residual, now.slope
 
     def equations(orders: Array, now: State) -> tuple[Array, Array]:
         _, residual, slope = now
-        return _information(data, residual, slope, orders)[:2]
+        return _information(ends.data, residual, slope, orders)[:2]
 
     orders, now, damping = minimise_all(
         at, equations, orders, damping, steps=steps, limits=(1e-6, 1e4)
@@ -290,10 +307,10 @@ def refine_ends(
 
 @dataclass(frozen=True)
 class EndEquations:
-    """Normal equations of the free unknowns, every patch following.
+    """Normal equations `matrix`, `slope` of the free unknowns, every patch following.
 
-    `matrix`, `slope`; for a step x the patches' terms change by `pull` - `drag` x, (p, 10) and
-    (p, 10, terms); `spread` (p,), standard uncertainty of a patch's order with the ends known.
+    For a step x the patches' terms change by `pull` - `drag` x, (p, 10) and (p, 10, terms);
+    `spread` (p,), standard uncertainty of a patch's order with the ends known.
     """
 
     matrix: Array
@@ -303,12 +320,10 @@ class EndEquations:
     spread: Array
 
 
-def eliminated(data: PatchData, ends: PatchEnds, orders: Array) -> EndEquations:
-    """Normal equations with the patches' own terms eliminated.
-
-    A patch whose own equations are singular is left out.
-    """
-    problem, now = data.problem, PatchModel(data, ends, orders)
+def eliminated(ends: PatchEnds, orders: Array) -> EndEquations:
+    """Normal equations with the patches' own terms eliminated, but for singular patches."""
+    data, now = ends.data, PatchModel(ends, orders)
+    problem, light = data.problem, data.problem.light
     information, pull, weighted = _information(data, now.residual, now.slope, orders)
     inverse = solve_all(information, np.broadcast_to(np.eye(TERMS), information.shape))
     finite = np.isfinite(inverse).all(axis=(1, 2))
@@ -316,7 +331,17 @@ def eliminated(data: PatchData, ends: PatchEnds, orders: Array) -> EndEquations:
     parts = data.weight, weighted, pull
     weight, weighted, pull = (np.where(regular[:, None], part, 0.0) for part in parts)
     inverse = np.where(regular[:, None, None], inverse, 0.0)
-    matrix, slope = _of_ends(data, now, weight)
+
+    def summed(values: Array) -> Array:  # patches overlap: at a pixel of the frame, theirs together
+        flat = np.bincount(data.pixels.ravel(), weights=values.ravel(), minlength=light.size)
+        return flat.reshape(light.shape)
+
+    shapes = list(zip(problem.found, now.columns, strict=True))
+    matrix = np.block(
+        [[one.products(other, summed(weight * u * v)) for other, v in shapes] for one, u in shapes]
+    )
+    misfit = weight * now.residual
+    slope = np.concatenate([one.along(summed(misfit * u)) for one, u in shapes])
     images = zip(data.images, now.columns, strict=True)
     mixed = np.concatenate(
         [(BASIS.T * (weighted * u)[:, None]) @ one for one, u in images], axis=-1
@@ -331,29 +356,9 @@ def eliminated(data: PatchData, ends: PatchEnds, orders: Array) -> EndEquations:
     return EndEquations(matrix, slope, solved[..., -1], solved[..., :-1], spread)
 
 
-def _of_ends(data: PatchData, now: PatchModel, weight: Array) -> tuple[Array, Array]:
-    """Normal equations (terms, terms), (terms,) of the free unknowns, the orders held.
-
-    Patches overlap: what they have at a pixel of the frame is summed up first.
-    """
-
-    def summed(values: Array) -> Array:
-        light = data.problem.light
-        flat = np.bincount(data.pixels.ravel(), weights=values.ravel(), minlength=light.size)
-        return flat.reshape(light.shape)
-
-    parts = list(zip(data.problem.found, now.columns, strict=True))
-    matrix = [
-        [one.products(other, summed(weight * u * v)) for other, v in parts] for one, u in parts
-    ]
-    light = weight * now.residual
-    slope = [one.along(summed(light * u)) for one, u in parts]
-    return np.block(matrix), np.concatenate(slope)
-
-
 _ROUNDS, _EVERY = 24, 4
 """Steps at most, and between two fresh looks at the patches."""
-_REST = 3e-4
+REST = 3e-4
 """Change of the order by a step, fringes, below which the search rests."""
 _MORE = 2
 """Steps where a result is refined that rests but for what the problem leaves open besides."""
@@ -365,7 +370,7 @@ TONES = 0.2, 5.0
 _HEAVIEST = 1e2
 _MOST = 0.5
 """Difference of a patch's residual over noise, squared, that counts at most in a comparison."""
-_PIXELS = float(offsets()[2].sum())
+_PIXELS = float(WINDOW.sum())
 NOT_TOLD = "frame_fringes_cannot_separate"
 _DOUBT = 40.0
 """Difference of cost, about -2 ln of the likelihood, within which two results are both possible,
@@ -383,12 +388,11 @@ the residual, looks like one: errors in variables (Fuller (1987), Measurement er
 
 @dataclass(frozen=True, kw_only=True)
 class Found:
-    """The unknowns, their `covariance`, and the last `change` of the order.
+    """The unknowns, their `covariance`, the last `change` of the order, and the patches at rest.
 
-    `patch_cost` of the patches in use, residual over noise squared (p,), and what the
-    unknowns' prior adds; `price`, how much the frame narrows the prior down, ln det(1 + v M), which
-    the evidence takes for it; `beyond_prior`, t² of `spots_beyond_prior`; the patches' `data` and
-    `orders` at rest.
+    `patch_cost`, residual over noise squared (p,), and what the unknowns' prior adds; `price`, how
+    much the frame narrows the prior down, ln det(1 + v M), which the evidence takes for it;
+    `beyond_prior`, t² of `spots_beyond_prior`.
     """
 
     unknowns: Array
@@ -401,17 +405,11 @@ class Found:
     data: PatchData = field(repr=False)
     orders: Array = field(repr=False)
 
-    @property
-    def rests(self) -> bool:
-        """Whether the search came to rest."""
-        return self.change < _REST
-
 
 def search_all(problem: EndProblem, starts: list[Array]) -> list[Found]:
-    """What each of several starts leads to.
+    """What each of several `starts`, vectors of the unknowns, leads to.
 
-    Parameters: `problem`; `starts`, vectors of its unknowns. Raises InputError where no fringe can
-    be followed, or where the fringes leave the unknowns open.
+    InputError where no fringe can be followed, or where the fringes leave the unknowns open.
     """
     outcome = []
     for start in starts:
@@ -425,11 +423,10 @@ def search_all(problem: EndProblem, starts: list[Array]) -> list[Found]:
 
 
 def possible(*models: list[Found]) -> list[Found]:
-    """The results that the frame does not exclude, the best first.
+    """The results of other orders each that the frame does not exclude, the best first.
 
     Models, such as light without and with spots, are compared by the evidence of their best, the
     results of one by their costs: what a result leaves open is no merit beside another's.
-    Parameters: the results of each model. Returns those of other orders than the ones before.
     """
     one = models[0][0]
     cost = [min(_dearer(result, one) + result.price for result in results) for results in models]
@@ -448,9 +445,8 @@ def possible(*models: list[Found]) -> list[Found]:
 def _dearer(one: Found, other: Found) -> float:
     """How much more a result costs than another, by the patches that both use.
 
-    A patch that a cubic does not describe, at a load or a tip, follows whatever light it is given,
-    and one that it describes in one result alone may rest on the wrong side of a crest: beyond what
-    is described all misfit is alike, and no patch decides alone.
+    A patch that a cubic does not describe follows whatever light it is given, and one that it
+    describes in one result alone may rest on the wrong side of a crest: no patch decides alone.
     """
     a, b = _of_both(one, other)
     first, second = (
@@ -484,15 +480,19 @@ def _search(problem: EndProblem, unknowns: Array) -> Found:
                 break
             dampings, cost = _start(data, unknowns, orders)
             since, resting = 0, False
-        normal = eliminated(data, ends_at(data, unknowns), orders)
+        normal = eliminated(PatchEnds(data, unknowns), orders)
         while True:
             step = _damped(normal, damping)
             tried = _followed(data, (unknowns, orders, dampings), normal, step)
             if tried[0] < cost or damping > _HEAVIEST:
                 break
             damping *= 8.0
-        change = _change(normal, step)
-        resting, since = change < _REST and damping < _FREELY, since + 1
+        # what the step in the ends does to the order where it can be read, RMS, fringes
+        readable, change = normal.spread < LARGEST_UNCERTAINTY, np.inf
+        if readable.any():
+            moved = np.minimum(np.abs(normal.drag[readable, 0] @ step), 0.2)
+            change = float(np.sqrt(np.mean(moved**2)))
+        resting, since = change < REST and damping < _FREELY, since + 1
         if tried[0] < cost:
             cost, unknowns, orders, dampings = tried
             damping = max(0.1 * damping, 1e-7)
@@ -504,26 +504,23 @@ def _search(problem: EndProblem, unknowns: Array) -> Found:
 
 
 def search_on(result: Found, problem: EndProblem) -> Found:
-    """A result as one of a problem that leaves more open, by full steps from where it rests.
-
-    The patches are those in use. Parameters: `result`, its unknowns those of `problem`.
-    """
+    """A result as one of a `problem` that leaves more open, by full steps from its rest."""
     data = replace(result.data, problem=problem)
-    unknowns, orders, change = result.unknowns, result.orders, result.change
+    unknowns, orders = result.unknowns, result.orders
     dampings, cost = _start(data, unknowns, orders)
     for _ in range(_MORE):
-        normal = eliminated(data, ends_at(data, unknowns), orders)
+        normal = eliminated(PatchEnds(data, unknowns), orders)
         place = unknowns, orders, dampings
         tried = _followed(data, place, normal, _damped(normal, 0.0))
         if not tried[0] < cost:
             break
         cost, unknowns, orders, dampings = tried
-    return _found(data, unknowns, orders, change)
+    return _found(data, unknowns, orders, result.change)
 
 
 def _start(data: PatchData, unknowns: Array, orders: Array) -> tuple[Array, float]:
     """The patches' own damping, and the cost."""
-    cost = PatchModel(data, ends_at(data, unknowns), orders).cost
+    cost = PatchModel(PatchEnds(data, unknowns), orders).cost
     return np.full(len(orders), 1e-2), float(cost.sum() + data.problem.prior_cost(unknowns))
 
 
@@ -534,102 +531,77 @@ def _damped(normal: EndEquations, damping: float) -> Array:
 def _followed(
     data: PatchData, place: tuple[Array, Array, Array], normal: EndEquations, step: Array
 ) -> tuple[float, Array, Array, Array]:
-    """Cost and place after a step, every patch going along where that is good for it.
-
-    The place: the unknowns, the patches' orders, and their damping.
-    """
+    """Cost and place (unknowns, orders, damping) after a step, patches following if it is good."""
     unknowns, orders, dampings = place
     new = unknowns.copy()
     new[data.problem.free] += step
     if not TONES[0] < new[-1] < TONES[1]:
         return np.inf, *place
     along = orders + normal.pull - normal.drag @ step
-    ends = ends_at(data, new)
-    stay, go = (PatchModel(data, ends, tried).cost for tried in (orders, along))
+    ends = PatchEnds(data, new)
+    stay, go = (PatchModel(ends, tried).cost for tried in (orders, along))
     nearer = np.where((go < stay)[:, None], along, orders)
-    gone, cost, dampings = refine_ends(data, ends, nearer, dampings, 2)
+    gone, cost, dampings = refine_ends(ends, nearer, dampings, 2)
     return float(cost.sum() + data.problem.prior_cost(new)), new, gone, dampings
 
 
-def _change(normal: EndEquations, step: Array) -> float:
-    """What a step in the ends does to the order where it can be read, RMS, fringes."""
-    readable = normal.spread < LARGEST_UNCERTAINTY
-    if not readable.any():
-        return float("inf")
-    moved = np.minimum(np.abs(normal.drag[readable, 0] @ step), 0.2)
-    return float(np.sqrt(np.mean(moved**2)))
-
-
 def _found(data: PatchData, unknowns: Array, orders: Array, change: float) -> Found:
-    ends = ends_at(data, unknowns)
-    normal = eliminated(data, ends, orders)
-    free = data.problem.free
+    ends, problem = PatchEnds(data, unknowns), data.problem
+    normal = eliminated(ends, orders)
+    free = problem.free
     # which of the unknowns that are found are spots and bars of the bright end
-    cut, count = (len(spread) for spread in data.problem.spreads)
+    cut, count = (len(spread) for spread in problem.spreads)
     smooth = min(QUADRATICS, count)
     spots = np.repeat([False, True, False], [cut + smooth, count - smooth, 1])[free]
     covariance = np.zeros((len(unknowns), len(unknowns)))
-    inverse = np.linalg.inv(normal.matrix) * overlap(data)
-    if not change < _REST:
+    inverse = np.linalg.inv(normal.matrix) * data.overlap
+    if not change < REST:
         last = _damped(normal, 0.0)
         inverse = inverse + np.outer(last, last)
-    prior = data.problem.prior(unknowns)[0][free]
-    precision = prior / overlap(data)
+    prior = problem.prior(unknowns)[0][free]
+    precision = prior / data.overlap
     larger = spots_beyond_prior(inverse, unknowns[free], precision, spots)
     covariance[np.ix_(free, free)] = as_spotted(inverse, precision, spots, larger)
     price = -np.linalg.slogdet(inverse)[1] - np.log(prior[prior > 0.0]).sum()
-    residual = PatchModel(data, ends, orders).residual
-    cost = (
-        np.einsum("pk,pk,pk->p", data.weight, residual, residual) * np.maximum(data.chi, 1.0) ** 2
-    )
-    prior_cost = data.problem.prior_cost(unknowns)
+    cost = PatchModel(ends, orders).square * np.maximum(data.chi, 1.0) ** 2
     return Found(
         unknowns=unknowns, covariance=covariance, change=change, patch_cost=cost / data.window,
-        prior_cost=prior_cost, price=float(price), beyond_prior=larger, data=data, orders=orders,
+        prior_cost=problem.prior_cost(unknowns), price=float(price), beyond_prior=larger,
+        data=data, orders=orders,
     )  # fmt: skip
+
+
+def spots_beyond_prior(covariance: Array, terms: Array, precision: Array, spots: Mask) -> float:
+    """How much stronger squared the spots are that were found than they were taken for, 1 at least.
+
+    Of the light's `terms` found (n,), with the priors' `precision` 1/σ² (n,), the `spots`:
+    t² = Σ (c/σ)² / γ, γ = Σ (1 - var c/σ²) the number of them that the frame tells.
+    Source: MacKay (1992), Neural Computation 4, 415.
+    """
+    informed = np.sum(1.0 - np.diag(covariance)[spots] * precision[spots])
+    return float(max(1.0, np.sum(precision[spots] * terms[spots] ** 2) / max(informed, 1.0)))
+
+
+def as_spotted(covariance: Array, precision: Array, spots: Mask, larger: float) -> Array:
+    """A covariance of the light's terms, the spots' prior variance being `larger`, as was found.
+
+    Where no crest lies the light is as uncertain as its prior, and a lamp whose spots are three
+    times as strong in view is not smoother out of view.
+    """
+    if not larger > 1.0:
+        return covariance
+    less = np.where(spots, precision * (1.0 - 1.0 / larger), 0.0)
+    return np.asarray(np.linalg.inv(np.linalg.inv(covariance) - np.diag(less)))
 
 
 def fresh_patches(
     problem: EndProblem, unknowns: Array, before: tuple[PatchData, Array] | None = None
 ) -> tuple[PatchData, Array, float]:
-    """Patches fitted anew at some unknowns, but kept where they were better.
+    """Patches fitted anew at some unknowns, but where those of `before`, if any, were better.
 
-    Parameters: `problem`; `unknowns` (terms,); `before`, the patches in use and their orders, if
-    any. Returns the patches, their orders, and the share that was better anew. Raises InputError
-    where too few can be followed.
+    Returns the patches, their orders, and the share that was better anew. InputError where too few
+    can be followed.
     """
-    index, places, window, start, thinned = _fitted(problem, unknowns)
-    _check_number(len(index))
-    data = _data(problem, index, places, window, np.ones(len(index)), thinned)
-    ends = ends_at(data, unknowns)
-    orders, cost, _ = refine_ends(data, ends, start, np.full(len(index), 1e-2), 3)
-    stale = 1.0
-    if before is not None:
-        old = np.zeros_like(orders)
-        was = np.full(len(index), np.inf)
-        _, latter, former = np.intersect1d(index, before[0].index, return_indices=True)
-        old[latter] = before[1][former]
-        was[latter] = PatchModel(data, ends, old).cost[latter]
-        orders = np.asarray(np.where((was <= cost)[:, None], old, orders))
-        stale = float(np.mean(cost < _BETTER * was - 0.02 * data.window))
-    misfit = PatchModel(data, ends, orders).residual
-    chi = np.sqrt(np.einsum("pk,pk,pk->p", data.weight, misfit, misfit) / data.window)
-    good = (chi < _WORST_CHI) & (np.abs(orders[:, 1:3]).max(axis=1) < LARGEST_CHANGE)
-    if problem.tone and any(problem.given):
-        good &= np.hypot(orders[:, 1], orders[:, 2]) > _SPAN
-    _check_number(int(np.count_nonzero(good)))
-    data = _data(problem, index[good], places[good], window[good], chi[good], thinned)
-    return data, orders[good], stale
-
-
-def _check_number(patches: int) -> None:
-    """Refuse a frame of too few patches: raises InputError."""
-    if patches < SMALLEST:
-        raise InputError("too_few_fringes_can")
-
-
-def _fitted(problem: EndProblem, unknowns: Array) -> tuple[Indices, Indices, Array, Array, bool]:
-    """The normalised frame's patches: index, middles, weights, terms; whether thinned."""
     dark, bright = problem.ends(unknowns)
     g, contrast = unknowns[-1], bright - dark
     lit = problem.valid & (contrast > DIMMEST * problem.scale**g)
@@ -638,9 +610,9 @@ def _fitted(problem: EndProblem, unknowns: Array) -> tuple[Indices, Indices, Arr
     linear = problem.light if g == 1.0 else level**g
     sigma = 2.0 * g * level ** (g - 1.0) * problem.sigma / safe
     light = gather_patches(1.0 - 2.0 * (linear - dark) / safe, sigma, lit)  # cos 2 pi N
-    use = light.filled > _LEAST_FILLED
-    thinned = bool(np.count_nonzero(use) > _MANY)
-    if thinned:
+    use, stride = light.filled > _LEAST_FILLED, float(STRIDE)
+    if np.count_nonzero(use) > _MANY:
+        stride *= np.sqrt(2.0)
         row, col = np.indices((len(light.rows), len(light.cols)))
         use &= ((row + col) % 2 == 0).ravel()
     index = np.flatnonzero(use)
@@ -648,27 +620,46 @@ def _fitted(problem: EndProblem, unknowns: Array) -> tuple[Indices, Indices, Arr
     fitted = fit_patches(light.only(index))
     good = fitted.chi[0] < _WORST_CHI
     index = index[good]
-    terms = np.zeros((len(index), TERMS))
-    terms[:, :6] = fitted.terms[0, good]
-    places = np.stack(np.meshgrid(light.rows, light.cols, indexing="ij"), axis=-1).reshape(-1, 2)
-    return index, places[index], light.weight[index].astype(float), terms, thinned
-
-
-def _data(
-    problem: EndProblem, index: Indices, places: Indices, window: Array, chi: Array, thinned: bool
-) -> PatchData:
-    """The patches' pixels; one that no cubic describes counts for less."""
-    dy, dx, _ = offsets()
-    rows, cols = places[:, :1] + dy, places[:, 1:] + dx
-    noise = problem.sigma[rows, cols] * np.maximum(chi, 1.0)[:, None]
-    return PatchData(
-        problem=problem, index=index, light=problem.light[rows, cols], weight=window / noise**2,
-        pixels=rows * problem.light.shape[1] + cols,
-        window=np.maximum(window.sum(axis=1), 1e-9), chi=chi, thinned=thinned,
+    _check_number(len(index))
+    orders = np.zeros((len(index), TERMS))
+    orders[:, :6] = fitted.terms[0, good]
+    row, col = np.unravel_index(index, (len(light.rows), len(light.cols)))
+    pixels = (
+        (light.rows[row][:, None] + DY) * problem.light.shape[1] + light.cols[col][:, None] + DX
+    )
+    window = light.weight[index].astype(float)
+    data = PatchData(
+        problem=problem, index=index, light=problem.light.ravel()[pixels],
+        weight=window / problem.sigma.ravel()[pixels] ** 2, pixels=pixels,
+        window=np.maximum(window.sum(axis=1), 1e-9), chi=np.ones(len(index)),
+        overlap=float(max(1.0, _PIXELS / stride**2)),
     )  # fmt: skip
+    ends, stale = PatchEnds(data, unknowns), 1.0
+    orders, cost, _ = refine_ends(ends, orders, np.full(len(index), 1e-2), 3)
+    if before is not None:
+        old = np.zeros_like(orders)
+        was = np.full(len(index), np.inf)
+        _, latter, former = np.intersect1d(index, before[0].index, return_indices=True)
+        old[latter] = before[1][former]
+        was[latter] = PatchModel(ends, old).cost[latter]
+        orders = np.asarray(np.where((was <= cost)[:, None], old, orders))
+        stale = float(np.mean(cost < _BETTER * was - 0.02 * data.window))
+    chi = np.sqrt(PatchModel(ends, orders).square / data.window)
+    good = (chi < _WORST_CHI) & (np.abs(orders[:, 1:3]).max(axis=1) < LARGEST_CHANGE)
+    if problem.tone and any(problem.given):
+        good &= np.hypot(orders[:, 1], orders[:, 2]) > _SPAN
+    _check_number(int(np.count_nonzero(good)))
+    # a patch that no cubic describes counts for less
+    noise = problem.sigma.ravel()[pixels] * np.maximum(chi, 1.0)[:, None]
+    parts = {
+        "index": index, "light": data.light, "weight": window / noise**2, "pixels": pixels,
+        "window": data.window, "chi": chi,
+    }  # fmt: skip
+    data = replace(data, **{name: part[good] for name, part in parts.items()})
+    return data, orders[good], stale
 
 
-def overlap(data: PatchData) -> float:
-    """How often a pixel was counted, being in several patches; `data`, those in use."""
-    stride = STRIDE * (np.sqrt(2.0) if data.thinned else 1.0)
-    return float(max(1.0, offsets()[2].sum() / stride**2))
+def _check_number(patches: int) -> None:
+    """Refuse a frame of too few patches: raises InputError."""
+    if patches < SMALLEST:
+        raise InputError("too_few_fringes_can")

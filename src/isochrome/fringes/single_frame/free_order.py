@@ -3,22 +3,24 @@
 Patches of the frame are fitted by quadratics of the order, their signs and whole numbers settled
 between neighbours, and what is left, one sign and one whole number for each connected part, is
 taken from where the user knows the order (`[[frames.known_order]]`, `[[frames.known_line]]`,
-corners of a `[[frames.free_boundary]]`). A part without any is left unknown: no light can tell its
-whole number. Pixels are then the mean of the patches about them; where those disagree, as beside an
-isotropic point or where fringes are finer than a patch can follow, the pixel is masked. What blur
-and a wide band take of the fringes' contrast is found from the frame (`contrast`), and bodies that
-masked pixels keep apart are parts apart.
-
-What a frame's fringes lose of their contrast, by blur and by the width of the light's band.
+corners of a `[[frames.free_boundary]]`). A part without any is left unknown, and bodies that masked
+pixels keep apart are parts apart. Pixels are then the mean of the patches about them; where those
+disagree, as beside an isotropic point or where fringes are finer than a patch can follow, the pixel
+is masked.
 
 A lens or a pixel that blurs by s (standard deviation, pixels) leaves exp(-2 pi² s² |∇N|²) of a
-fringe, and a band of wavelengths of relative width b leaves exp(-2 pi² b² N²) of one of order N:
-the Fourier transforms of Gaussians (Born & Wolf (1999), Principles of Optics, section 7.5.8). Read
-as if nothing were lost, a crest that the light does not reach looks like one that the order turns
-back at. Patches that span crest and flank alike say what contrast they have besides their order;
-s² and b² are what they say together, and the light is divided by it.
+fringe, and a band of wavelengths of relative width b leaves exp(-2 pi² b² N²) of one of order N.
+Read as if nothing were lost, a crest that the light does not reach looks like one that the order
+turns back at. Patches that span crest and flank alike say what contrast they have besides their
+order; s² and b² are what they say together, and the light is divided by it.
 
-One whole number for each part of a frame, from points and lines whose order the user knows.
+Between two free sides of an outward corner no stress is left: N rises from it as r^p. For stress
+functions r^(p+2) the sides are free where sin(2 lambda a) = -lambda sin(2 a), lambda = p + 1, of
+the interior angle 2 a, so that p = 1.74 at 90 degrees, 1.27 at 110, and 1 at 126. On the way to
+the nearest patch that is followed N starts at nought and changes by less than a quarter as long as
+the light c = cos 2 pi N stays dark, c > 0: so the corner says the patch's whole number. Within the
+pixels that a blurred or masked edge hides, N is less than their distance times its slope beyond
+them, as p > 1.
 
 A part's patches say N = |f + j| with one whole number j that no light can tell. A point of known
 order o says j = round(o - f) or round(-o - f). Off the fringe lines only one of the two fits the
@@ -30,6 +32,8 @@ nearly as good the part is not known. A line of N = 0 through the part is not ge
 body (isotropic places are points), though a beam has one: where what is known lies on lines alone,
 it must be said. A point that the rest contradicts may lie beyond a seam that the light leaves open
 (`open_seams`): then that seam is closed as the point says.
+Sources: Born & Wolf (1999), Principles of Optics, section 7.5.8, for the contrast; Williams (1952),
+J. Appl. Mech. 19, 526, for corners.
 """
 
 from collections.abc import Sequence
@@ -37,140 +41,369 @@ from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 import numpy as np
-from scipy.ndimage import label
+from scipy.ndimage import label, map_coordinates
 
 from isochrome.fringes.on_branch import (
+    BRANCH,
     LARGEST_UNCERTAINTY,
+    SURE,
     OrderReading,
     less_sure,
     make_reading,
-    moved_by_light,
     stray_variance,
 )
 from isochrome.fringes.single_frame.patches import (
+    DX,
+    DY,
     FADED,
+    FEWEST_PATCHES,
     HALF,
     LEAST_FILLED,
-    SIDE,
+    NOUGHT,
     STRIDE,
+    WINDOW,
+    AnchorPatch,
     Labels,
     Patches,
-    basis,
-    binned,
-    expected_terms,
-    fit_patches,
-    gather_patches,
-    label_patches,
-    middles,
-    nearest_patches,
-    offsets,
-)
-from isochrome.fringes.single_frame.stated_orders import (
-    CLEAR,
-    FEWEST_PATCHES,
-    NOUGHT,
-    KnownOrders,
-    KnownPlaces,
-    KnownPoint,
-    Stated,
-    StatedPlace,
     ZeroPlace,
-    corner_orders,
-    fits_nothing,
-    left_out,
-    mend_mirrored,
+    basis,
+    coarse_to_fine,
+    contrast_of,
+    not_settled,
     open_seams,
-    stated_place,
-    turned_to,
     zero_lines,
 )
-from isochrome.fringes.windows import DIMMEST, TURN, Array, Mask, innermost, nearest_known
+from isochrome.fringes.windows import DIMMEST, TURN, Array, Mask, gaussian, innermost, nearest_known
 from isochrome.messages import message
+from isochrome.scene import FreeCorner
 
 _SOME = 0.05
 """Share of the patches that have lost as much."""
 _FEWEST = 30
-_FINEST = 0.2
-"""Fringes a bin beyond which a bin says nothing of the light's contrast."""
 _ROUNDS = 6
 _OUTLIER = 2.0
 """Robust deviations from which a patch counts for less."""
 
 
-@dataclass(frozen=True)
-class Contrast:
-    """The law a = exp(-2 pi² (blur |∇N|² + band N²)).
+def fit_contrast(patches: Patches, terms: Array, shape: tuple[int, ...]) -> Array:
+    """What fringes have left of their contrast at each pixel, by patches whose order is known.
 
-    `blur`, variance of the blur, pixels²; `band`, variance of the wavenumber over its mean squared.
+    Least squares of both variances, neither negative, patches off the law counting for less; 1
+    where too few tell. `terms` (m, n, 6) of the signed order, NaN where that of the nearest counts.
     """
-
-    blur: float = 0.0
-    band: float = 0.0
-
-    def left(self, order: Array, slope: Array) -> Array:
-        """Contrast at `order`, fringes, whose gradient's size is `slope`, fringes a pixel."""
-        lost = self.blur * slope**2 + self.band * order**2
-        return np.asarray(np.exp(-0.5 * TURN**2 * lost))
-
-
-def with_told(patches: Patches, by: int, wider: Array | None) -> Patches:
-    """Patches with the contrast that wider ones tell where they tell none.
-
-    Parameters: `patches` of bins of `by` pixels, whose own blur is taken out; `wider` by wider ones
-    (m, n), NaN where nothing is, None for none. Returns Patches.
-    """
-    contrast = patches.contrast
-    if by > 1:
-        slope = np.hypot(patches.terms[..., 1], patches.terms[..., 2])
-        lost = Contrast(blur=(1.0 - by**-2.0) / 12.0).left(np.zeros_like(slope), slope)
-        contrast = np.where(slope < _FINEST, contrast / lost, np.nan)
-    return replace(
-        patches, contrast=contrast if wider is None else np.where(contrast > 0.0, contrast, wider)
-    )
-
-
-def everywhere(contrast: Array) -> Array:
-    """The contrast (m, n) of the nearest patch that tells one; 1 where none does."""
-    known = np.isfinite(contrast)
-    return nearest_known(contrast, known) if known.any() else np.ones_like(contrast)
-
-
-def fit_contrast(patches: Patches, terms: Array) -> Contrast:
-    """Find what fringes lose from patches whose order is known.
-
-    Least squares of both variances, neither negative, patches off the law counting for less.
-    Parameters: `patches`; `terms` (m, n, 6) of their signed order, NaN = not known. Returns the
-    Contrast, of no loss where too few patches tell.
-    """
-    use = np.isfinite(terms[..., 0]) & (patches.contrast > DIMMEST)
-    if np.count_nonzero(use) < _FEWEST:
-        return Contrast()
     from scipy.optimize import nnls
 
-    known = terms[use]
-    lost = -2.0 * np.log(patches.contrast[use]) / TURN**2
-    causes = np.stack([known[:, 1] ** 2 + known[:, 2] ** 2, known[:, 0] ** 2], axis=-1)
-    weight = np.ones(len(lost))
-    for _ in range(_ROUNDS):
-        result, _ = nnls(causes * weight[:, None], lost * weight)
-        away = np.abs(lost - causes @ result)
-        scale = max(1.4826 * float(np.median(away)), 1e-6)
-        weight = np.sqrt(np.minimum(1.0, _OUTLIER * scale / np.maximum(away, 1e-9)))
-    return Contrast(*(float(v) for v in result))
-
-
-def contrast_map(patches: Patches, terms: Array, law: Contrast, shape: tuple[int, ...]) -> Array:
-    """The contrast at each pixel (rows, cols); where no order is known, that of the nearest patch.
-
-    Parameters: `patches`; `terms` (m, n, 6), NaN = not known; `law`; `shape` of the frame.
-    """
+    variances = np.zeros(2)
+    use = np.isfinite(terms[..., 0]) & (patches.contrast > DIMMEST)
+    if np.count_nonzero(use) >= _FEWEST:
+        known = terms[use]
+        lost = -2.0 * np.log(patches.contrast[use]) / TURN**2
+        causes = np.stack([known[:, 1] ** 2 + known[:, 2] ** 2, known[:, 0] ** 2], axis=-1)
+        weight = np.ones(len(lost))
+        for _ in range(_ROUNDS):
+            variances, _ = nnls(causes * weight[:, None], lost * weight)
+            away = np.abs(lost - causes @ variances)
+            scale = max(1.4826 * float(np.median(away)), 1e-6)
+            weight = np.sqrt(np.minimum(1.0, _OUTLIER * scale / np.maximum(away, 1e-9)))
     near = nearest_known(terms, np.isfinite(terms[..., 0]))
-    contrast = law.left(near[..., 0], np.hypot(near[..., 1], near[..., 2]))
     down, across = (
         np.stack([np.interp(np.arange(n), at, unit) for unit in np.eye(len(at))], axis=-1)
         for at, n in zip((patches.rows, patches.cols), shape, strict=True)
     )
-    return np.asarray(down @ contrast @ across.T)
+    return np.asarray(down @ contrast_of(near, *variances) @ across.T)
+
+
+KnownPoint = tuple[float, float, float]
+"""Row and column of a pixel, and the fringe order there."""
+STATED_SPREAD = 0.035
+"""Standard deviation, in fringes, of an order that a user counts and estimates between lines."""
+MOST_COST = 16.0
+"""Most that a point costs, chi²: many outvote one that is off."""
+_BESIDE_LINE_PX = 1.5
+"""Standard deviation of a place that a user marks across a fringe line, and how many of them it"""
+_FAR_BESIDE = 3.0
+"""may lie beside it."""
+CLEAR = 8.0
+"""By how much a whole number must be better than another, chi²: odds of 50 to 1."""
+
+
+@dataclass(frozen=True)
+class KnownPlaces:
+    """An order that is known at places (row, col), pixels: at one, or along a fringe line.
+
+    `key`, what messages call it; `says_zero_line`: an order of 0 may be that of a line, where a
+    free corner's is the corner's alone; `extremum`: 'maximum' or 'minimum' of its surroundings.
+    """
+
+    places: tuple[tuple[float, float], ...]
+    order: float
+    key: str = "frames.known_order"
+    says_zero_line: bool = True
+    extremum: str | None = None
+
+    @property
+    def is_line(self) -> bool:
+        """Whether it is a line's."""
+        return len(self.places) > 1
+
+
+@dataclass(frozen=True)
+class KnownOrders:
+    """What is known of a frame's orders: points, fringe lines, and corners free of load."""
+
+    places: tuple[KnownPlaces, ...] = ()
+    corners: tuple[FreeCorner, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class StatedPlace:
+    """A place of known order: its quadratic's `basis` (6,) in the `patch` about it, its part's f.
+
+    `part`, -1 where there is none near; `sigma`, standard deviation of the order; `within`, by how
+    much it may miss at all (fringes); `around`, how far f lies above that all around, below it
+    where negative, nought where it turns neither way; `extremum`, which one it is said to be.
+    """
+
+    part: int
+    point: KnownPoint
+    patch: tuple[int, int]
+    basis: Array = field(repr=False)
+    field: float
+    sigma: float
+    within: float
+    around: float
+    extremum: str | None
+
+    def miss(self, j: int) -> float:
+        """How far the order is from |f + j|, fringes."""
+        return abs(abs(self.field + j) - self.point[2])
+
+    def cost(self, j: int) -> float:
+        """What the place costs with j, chi²."""
+        return min((self.miss(j) / self.sigma) ** 2, MOST_COST) if self.turns(j) else MOST_COST
+
+    def fits(self, j: int) -> bool:
+        """Whether the order is that of j, roughly estimated."""
+        return self.miss(j) < self.within and self.turns(j)
+
+    def turns(self, j: int) -> bool:
+        """Whether |f + j| is the extremum that the place is said to be, if it is."""
+        if self.extremum is None:
+            return True
+        above = self.around * np.sign(self.field + j)
+        return bool(above > 0.0 if self.extremum == "maximum" else above < 0.0)
+
+
+@dataclass(frozen=True)
+class Stated:
+    """What is known in one part: a point, or the places of a line there."""
+
+    known: KnownPlaces
+    places: tuple[StatedPlace, ...]
+
+    def cost(self, j: int) -> float:
+        """What it costs with j, chi²: a line has one voice."""
+        return sum(p.cost(j) for p in self.places) / len(self.places)
+
+    def fits(self, j: int) -> bool:
+        """Whether the order is that of j: in most of a line's places."""
+        return 2 * sum(p.fits(j) for p in self.places) > len(self.places)
+
+    @property
+    def on_line(self) -> bool:
+        """Whether the light beside it says the order, and not on which side it is higher."""
+        twice = 2.0 * self.places[0].field
+        near = (twice - round(twice)) ** 2 < CLEAR * STATED_SPREAD**2
+        return self.known.is_line or (self.known.says_zero_line and bool(near))
+
+    def source(self, p: StatedPlace, terms: Array) -> AnchorPatch:
+        """One of its places to look at seams from, by the order's terms (m, n, 6)."""
+        crest = round(2.0 * float(p.basis @ terms[p.patch])) if self.on_line else None
+        return p.patch, crest
+
+    def __str__(self) -> str:
+        row, col, order = self.places[0].point
+        return f"{self.known.key} = {order:g} at row {row:g}, column {col:g}"
+
+
+def turned_to(
+    patches: Patches, terms: Array, used: Sequence[tuple[Stated, StatedPlace]],
+    known: Sequence[ZeroPlace], given: Stated, p: StatedPlace,
+) -> Array | None:  # fmt: skip
+    """The terms (m, n, 6) with an open seam closed as a place beyond it says.
+
+    As they are where the place fits, since another place of its line has closed it, or roughly, and
+    better beyond no seam; None where it fits neither way. `used`, what they are known by.
+    """
+    now, order = float(p.basis @ terms[p.patch]), given.known.order
+    miss = abs(abs(now) - order)
+    if (miss / p.sigma) ** 2 < CLEAR:
+        return terms
+    within = min(p.within, miss)  # nearer than it is
+    points = [g.source(q, terms) for g, q in used]
+    seams = [
+        seam
+        for seam in not_settled(patches, terms, points, known)
+        if seam.beyond[p.patch] and abs(abs(seam.crest - now) - order) < within
+    ]
+    if not seams:
+        return terms if miss < p.within else None
+    seam = min(seams, key=lambda s: s.worse)
+    turned = terms.copy()
+    turned[seam.beyond] *= -1.0
+    turned[seam.beyond, 0] += seam.crest
+    return turned
+
+
+def stated_place(
+    patches: Patches, labels: Labels, terms: Array, known: KnownPlaces, place: tuple[float, float]
+) -> StatedPlace:
+    """What the patch about a place says of it, by the parts' `terms` (m, n, 6).
+
+    A single point's may lie on a flat crest, which is not followed: then one beside it on the body.
+    """
+    row, col = place
+    away = np.hypot(patches.rows[:, None] - row, patches.cols[None, :] - col)
+    nearest = np.unravel_index(away.argmin(), away.shape)
+    if labels.part[nearest] < 0 and not known.is_line:
+        beside = (labels.part >= 0) & (patches.body == patches.body[nearest])
+        nearest = np.unravel_index(np.where(beside, away, np.inf).argmin(), away.shape)
+    patch = int(nearest[0]), int(nearest[1])
+    off = np.array(row - patches.rows[patch[0]]), np.array(col - patches.cols[patch[1]])
+    sigma, within = STATED_SPREAD, BRANCH  # estimates may be rough
+    if known.is_line:
+        slope = float(np.hypot(*terms[patch][1:3]))
+        sigma = float(np.hypot(sigma, _BESIDE_LINE_PX * slope))
+        within = min(within, _FAR_BESIDE * sigma)
+    in_patch = basis(*off)
+    order, around = float(in_patch @ terms[patch]), 0.0
+    if not known.is_line:
+        part = np.where(labels.part == labels.part[patch], terms[..., 0], np.nan)
+        around = _above(part, patch, order)
+    near = np.abs(off).max() <= HALF + STRIDE
+    return StatedPlace(
+        part=int(labels.part[patch]) if near else -1, point=(row, col, known.order), patch=patch,
+        basis=in_patch, field=order, sigma=sigma, within=within, around=around,
+        extremum=known.extremum,
+    )  # fmt: skip
+
+
+def _above(values: Array, patch: tuple[int, int], at: float) -> float:
+    """How far a field, `at` a patch, lies above the nearest square about it all above or below it.
+
+    `values` (m, n), NaN outside the part. Nought where some of the square about it lies above and
+    some below, or half is not known.
+    """
+    away = np.abs(np.indices(values.shape) - np.reshape(patch, (2, 1, 1))).max(axis=0)
+    for k in range(1, int(away.max()) + 1):
+        around = values[away == k]
+        fall = at - around[np.isfinite(around)]
+        if 2 * fall.size < around.size or (fall.max() > SURE and fall.min() < -SURE):
+            return 0.0
+        if np.abs(fall).min() > SURE:
+            return float(fall.mean())
+    return 0.0
+
+
+def left_out(given: Stated, missed: list[StatedPlace], j: int, votes: int) -> str:
+    """What to say of places that nothing makes fit: of a line, the one that is farthest off."""
+    p = max(missed, key=lambda p: p.miss(j))
+    would = abs(p.field + j)
+    if given.known.is_line and given.fits(j):
+        row, col, order = p.point
+        return message(
+            "places_contradict_others_one", key=given.known.key, order=order,
+            missed_count=len(missed), places_count=len(given.places), row=row, col=col,
+            miss=p.miss(j), would=would,
+        )  # fmt: skip
+    if abs(p.point[2] - _levels(p)[0]) < p.within:
+        plural = "s" * (votes > 1)
+        return message(
+            "contradicted_other_which_would", given=given, votes=votes, value=plural, would=would
+        )
+    return fits_nothing(given, p)
+
+
+def _levels(p: StatedPlace) -> list[float]:
+    """The orders that the light at a point may have, the nearest to the known one first."""
+    base = abs(p.field - round(p.field))
+    levels = [v for k in range(int(p.point[2]) + 2) for v in (k + base, k + 1.0 - base)]
+    return sorted(levels, key=lambda v: abs(v - p.point[2]))
+
+
+def fits_nothing(given: Stated, p: StatedPlace) -> str:
+    """What to say of a place at which the light says another order."""
+    row, col, order = p.point
+    if p.extremum and any(abs(v - order) < p.within for v in _levels(p)):
+        return message("order_no_there_correct", given=given, extremum=p.extremum)
+    near = sorted(_levels(p)[:2])
+    return message(
+        "row_column_fits_no", key=given.known.key, order=order, row=row, col=col, near=near[0],
+        near_2=near[1], near_3=min(abs(order - v) for v in near),
+    )  # fmt: skip
+
+
+_REACH_PX = 30.0
+"""How far from a corner a patch is looked for."""
+_HIDDEN_PX = float(HALF)
+"""What an edge may hide of the way."""
+_HIDDEN_RISE = 0.5
+"""Fringes by which the order may at most have risen there: less than the next dark."""
+_DARK = 0.3
+"""The light c above which the order is within 0.2 of a whole number."""
+_POOLED_PX = 1.5
+_BESIDE_DEG, _FEWEST_BESIDE = 20.0, 3
+"""Angle beyond the corner's sides, and patches there, that are no specimen's."""
+
+
+def corner_orders(
+    corners: Sequence[FreeCorner], patches: Patches, labels: Labels, wave: Array, valid: Mask
+) -> tuple[list[KnownPlaces], list[str]]:
+    """Known orders of patches beside free corners, and what to say where there is none."""
+    known, notes = [], []
+    trusted = gaussian(valid.astype(float), _POOLED_PX)
+    pooled = gaussian(np.where(valid, wave, 0.0), _POOLED_PX) / np.maximum(trusted, 1e-9)
+    light = np.where(valid, pooled, np.nan)
+    for corner in corners:
+        result = _carried(corner, patches, labels, light)
+        name = message("frames_free_boundary_corner_row", row=corner.row, col=corner.col)
+        if isinstance(result, str):
+            notes.append(f"{name}: {result}; it is not used")
+            continue
+        order = abs(patches.terms[result][0] - round(patches.terms[result][0]))
+        place = float(patches.rows[result[0]]), float(patches.cols[result[1]])
+        known.append(KnownPlaces((place,), round(float(order), 2), name, says_zero_line=False))
+    return known, notes
+
+
+def _carried(
+    corner: FreeCorner, patches: Patches, labels: Labels, light: Array
+) -> tuple[int, int] | str:
+    """The followed patch to which the light carries a corner's order, or why there is none."""
+    down, right = patches.rows[:, None] - corner.row, patches.cols[None, :] - corner.col
+    away = np.maximum(np.hypot(down, right), 1e-9)
+    cosine = np.clip((down * corner.inward[0] + right * corner.inward[1]) / away, -1.0, 1.0)
+    beside = np.degrees(np.arccos(cosine)) - 0.5 * corner.angle_deg
+    near = (labels.part >= 0) & (away < _REACH_PX)
+    if np.count_nonzero(near & (beside > _BESIDE_DEG)) >= _FEWEST_BESIDE:
+        return message("fringes_followed_outside_mask")
+    inside = near & (beside < 0.0)
+    if not inside.any():
+        return message("no_fringe_could_followed_within", reach_px=_REACH_PX)
+    i, j = np.unravel_index(np.where(inside, away, np.inf).argmin(), away.shape)
+    steps = np.arange(0.0, float(away[i, j]) + 0.5, 0.5) / float(away[i, j])
+    way = [corner.row + steps * down[i, 0], corner.col + steps * right[0, j]]
+    carried = map_coordinates(light, way, order=0, mode="constant", cval=np.nan)
+    first = int(np.isfinite(carried).argmax())
+    hidden = 0.5 * first
+    steepest = float(np.hypot(*patches.terms[inside][:, 1:3].T).max())
+    if not np.isfinite(carried[first:]).all() or hidden > _HIDDEN_PX:
+        return message("pixels_between_next_fringes")
+    if hidden * steepest > _HIDDEN_RISE:
+        return message("fringes_beside_too_dense")
+    if carried[first:].min() < _DARK:
+        return message("light_beside_not_order")
+    return int(i), int(j)
 
 
 _ALONE = 0.1
@@ -188,10 +421,9 @@ APART = 0.5
 
 @dataclass(frozen=True)
 class Anchored:
-    """What the known points make of the patches.
+    """Signed orders' `terms` (m, n, 6) of the patches by known points, NaN = not known.
 
-    `terms` (m, n, 6) of the signed order, NaN where it is not known; `misses`, points that were not
-    used; `said`, what is open, and what point would settle it.
+    `misses`, points that were not used; `said`, what is open, and what point would settle it.
     """
 
     terms: Array = field(repr=False)
@@ -229,10 +461,7 @@ def _one_part(patches: Patches, part: Array, given: list[Stated], error: Array) 
 def _of_rivals(
     patches: Patches, part: Array, given: list[Stated], rivals: Sequence[int], error: Array
 ) -> Anchored:
-    """The first of some equally likely shifts that seams make fit all that is known.
-
-    Else nothing is known, and why.
-    """
+    """The first of some equally likely shifts that seams make fit all; else nothing, and why."""
     for j in rivals:
         if not all(p.fits(j) for g in given for p in g.places):
             result = _with_seams(patches, part, given, j, error)
@@ -307,7 +536,9 @@ def _beyond_seam(patches: Patches, terms: Array, beyond: Mask, crest: int, error
     most = float(np.nanmax(apart))
     if most < _TELLABLE:
         return message("lies_within_line_order", said=note, most=0.5 * most)
-    moved = moved_by_light(np.where(beyond, order, 0.0), error)
+    # how far an error e of the signal moves an order: min(e/(pi |sin 2 pi N|), sqrt(e)/pi)
+    slope = np.pi * np.abs(np.sin(TURN * np.where(beyond, order, 0.0)))
+    moved = np.minimum(error / np.maximum(slope, 1e-9), np.sqrt(error) / np.pi)
     lit = (apart >= _TELLABLE) & (moved < np.minimum(LARGEST_UNCERTAINTY, _SHARP * apart))
     if not lit.any():
         return message("nor_light_there_give", said=note)
@@ -342,22 +573,9 @@ def _unfollowed(known: KnownPlaces, valid: Mask) -> str:
     return f"{known.key} = {known.order:g} at row {row:g}, column {col:g}{others}: {why}"
 
 
-def _part_at(patches: Patches, labels: Labels, p: StatedPlace) -> int:
-    """The part of the patch about a place, -1 where there is none near."""
-    (row, col, _), (i, j) = p.point, p.patch
-    far = max(abs(row - patches.rows[i]), abs(col - patches.cols[j]))
-    return -1 if far > HALF + STRIDE else int(labels.part[p.patch])
-
-
-_COARSEST = 4
-"""Pixels a side of the first bins, which are halved."""
-_LEAST_PIXELS = 7 * SIDE // 2
-"""Pixels, after binning, of the shorter side of a frame: three patches and a half without overlap.
-"""
 _LEAST_COVER = 0.15
 _CONTRAST_ROUNDS, _MOSTLY = 4, 98.0
-"""Readings at most with a contrast found from the last, and per cent of the frame that must rest.
-"""
+"""Readings at most with a contrast found from the last; per cent of the frame that must rest."""
 _GROUND = 1e-3
 """Standard deviation of what a quadratic cannot follow, added to a patch's own, fringes."""
 _WORTH_SAYING = 0.01
@@ -368,9 +586,8 @@ _WORTH_SAYING = 0.01
 class FreeReading:
     """What a frame says without a model: the order, and how well it is known.
 
-    `contrast`, what the fringes have left, 1 where nothing is lost to speak of; `misses`: known
-    points that were not used; `said`: why, what the frame leaves open, and what point would settle
-    it.
+    `contrast`, what the fringes have left; `misses`: known points that were not used; `said`: why,
+    what the frame leaves open, and what point would settle it.
     """
 
     reading: OrderReading
@@ -386,8 +603,7 @@ def read_free(
 
     Each part that is wanted needs a point, a line or a corner that is `known`. `error`: uncertainty
     of the signal (1 - cos 2 pi N)/2 by the ends of the light: from 0.003 on in the median a line of
-    N = 0, which stands for N = 1 in a wrong light, must be known. InputError: the frame is smaller
-    than a patch.
+    N = 0, which stands for N = 1 in a wrong light, must be known. InputError: a frame too small.
     """
     followed, fade = follow_fringes(wave, sigma, valid, known, error=error)
     result = followed.anchored(known)
@@ -419,10 +635,7 @@ class FollowedFringes:
     unlit: Array = field(repr=False)
 
     def anchored(self, known: KnownOrders) -> Anchored:
-        """The signed orders of the patches by what is `known`, and what is to be said.
-
-        The whole number of each part where an order is known is chosen, and the side of open seams.
-        """
+        """The patches' whole numbers and the sides of open seams by what is `known`."""
         patches, labels = self.patches, self.labels
         at_corners, notes = corner_orders(known.corners, patches, labels, self.wave, self.valid)
         terms = np.full_like(patches.terms, np.nan)
@@ -432,12 +645,12 @@ class FollowedFringes:
         by_part: dict[int, list[Stated]] = {}
         for each in (*known.places, *at_corners):
             places = [stated_place(patches, labels, field_terms, each, p) for p in each.places]
-            parts = [_part_at(patches, labels, p) for p in places]
-            misses += [p.point for p, part in zip(places, parts, strict=True) if part < 0]
-            if max(parts) < 0:
+            misses += [p.point for p in places if p.part < 0]
+            parts = sorted({p.part for p in places if p.part >= 0})
+            if not parts:
                 notes.append(_unfollowed(each, self.valid))
-            for part in sorted({part for part in parts if part >= 0}):
-                within = tuple(p for p, at in zip(places, parts, strict=True) if at == part)
+            for part in parts:
+                within = tuple(p for p in places if p.part == part)
                 by_part.setdefault(part, []).append(Stated(each, within))
         for part, given in sorted(by_part.items()):
             inside = labels.part == part
@@ -459,83 +672,45 @@ class FollowedFringes:
         """The patches (m, n) for which an order at a place speaks; none where it has none."""
         patches, labels, place = self.patches, self.labels, (row, col)
         kind = KnownPlaces((place,) * (2 if on_line else 1), 0.0)
-        near = stated_place(patches, labels, patches.terms, kind, place)
-        number = _part_at(patches, labels, near)
-        return np.asarray((self.labels.part == number) & (number >= 0))
+        number = stated_place(patches, labels, patches.terms, kind, place).part
+        return np.asarray((labels.part == number) & (number >= 0))
 
 
 def follow_fringes(
     wave: Array, sigma: Array, valid: Mask, known: KnownOrders, *, error: Array
 ) -> tuple[FollowedFringes, Array]:
-    """Follow the fringes of a normalised frame as far as they can be without a known order.
+    """Follow the fringes of a normalised frame as far as they can be; what they have of contrast.
 
     Low orders of wide fringes lose next to nothing of their contrast and tell what the others lose:
     where contrast is lost, and there alone, what is followed grows from them by what is `known`.
-    Arrays as in `read_free`. Returns what could be followed, and what is left of the contrast.
     """
-
     fade = np.ones(wave.shape)
-    patches, labels = _coarse_to_fine(wave, sigma, valid)
+    patches, labels = coarse_to_fine(wave, sigma, valid)
     contrast = patches.contrast[(patches.filled > LEAST_FILLED) & np.isfinite(patches.contrast)]
     # so much is lost that it must be reckoned with
     faded = bool(len(contrast) >= _FEWEST and np.mean(contrast < 1.0 - FADED) > _SOME)
 
     def followed(patches: Patches, labels: Labels, wave: Array) -> FollowedFringes:
-        return FollowedFringes(faded, patches, labels, wave, valid, _at(error, patches))
+        return FollowedFringes(faded, patches, labels, wave, valid, patches.at_middles(error))
 
     if faded:
-        patches, labels = _coarse_to_fine(wave, sigma, valid, faded=True)
+        patches, labels = coarse_to_fine(wave, sigma, valid, faded=True)
         for _ in range(_CONTRAST_ROUNDS):
             result = followed(patches, labels, wave / fade).anchored(known)
             if not np.isfinite(result.terms).any():
                 break
-            unfaded = replace(patches, contrast=patches.contrast * _at(fade, patches))
-            before = fade
-            law = fit_contrast(unfaded, result.terms)
-            fade = contrast_map(patches, result.terms, law, wave.shape)
-            patches, labels = _coarse_to_fine(wave / fade, sigma / fade, valid, faded=True)
+            unfaded = replace(patches, contrast=patches.contrast * patches.at_middles(fade))
+            before, fade = fade, fit_contrast(unfaded, result.terms, wave.shape)
+            patches, labels = coarse_to_fine(wave / fade, sigma / fade, valid, faded=True)
             if np.percentile(np.abs(fade - before)[valid], _MOSTLY) < FADED:
                 break
     return followed(patches, labels, wave / fade), fade
 
 
-def _at(image: Array, patches: Patches) -> Array:
-    """An image at the patches' middles (m, n)."""
-    return image[np.ix_(patches.rows, patches.cols)]
-
-
-def _coarse_to_fine(
-    wave: Array, sigma: Array, valid: Mask, *, faded: bool = False
-) -> tuple[Patches, Labels]:
-    """Patches and labels, each binning guiding the next finer one.
-
-    Where the order hardly changes, a small patch on a crest cannot tell on which side of it it
-    lies; a patch four times as wide can. Where fringes are too fine for it, binned patches fit
-    badly and guide nothing.
-    """
-    expected: tuple[Array, Array] | None = None
-    told: Array | None = None
-    halved = (_COARSEST >> k for k in range(_COARSEST.bit_length()))
-    binnings = [b for b in halved if b == 1 or min(wave.shape) // b >= _LEAST_PIXELS]
-    for k, binning in enumerate(binnings):
-        frame = binned(wave, sigma, valid, binning)
-        contrast = None if told is None or not faded else everywhere(told)
-        patches = fit_patches(gather_patches(*frame), expected, contrast, deviation=faded)
-        patches = with_told(patches, binning, told)
-        labels = mend_mirrored(patches, label_patches(patches))
-        if k + 1 < len(binnings):
-            ratio = binning // binnings[k + 1]
-            finer = [n // binnings[k + 1] for n in wave.shape]
-            rows, cols = ((middles(n) - 0.5 * (ratio - 1)) / ratio for n in finer)
-            expected = expected_terms(patches, labels, rows, cols, ratio)
-            told = patches.contrast[nearest_patches(patches, rows, cols)]
-    return patches, labels
-
-
 def _dense(patches: Patches, terms: Array, valid: Mask) -> OrderReading:
     """The mean of the patches' orders at each pixel, and how far they agree.
 
-    Equation: u² = max(mean of the patches' u², variance of their orders), since noise alone makes
+    u² = max(mean of the patches' u², variance of their orders), since noise alone makes
     patches differ; a patch's u is that of the stated noise, times its chi where that is below 1,
     and not below that of half the patches: the stated noise has a floor, many frames have less.
     """
@@ -544,11 +719,10 @@ def _dense(patches: Patches, terms: Array, valid: Mask) -> OrderReading:
     usual = np.median(patches.chi[use]) if use.any() else 1.0
     of_patch = patches.spread[..., 0] * np.clip(patches.chi, min(usual, 1.0), 1.0)
     trust = np.where(use, 1.0 / (of_patch**2 + _GROUND**2), 0.0)
-    dy, dx, window = offsets()
-    orders = np.abs(terms.reshape(-1, 6) @ basis(dy.astype(float), dx.astype(float)).T)
+    orders = np.abs(terms.reshape(-1, 6) @ basis(DY.astype(float), DX.astype(float)).T)
     sums = np.zeros((4, *valid.shape))
     bodies, count = label(valid)
-    for k, (y, x, w) in enumerate(zip(dy, dx, window, strict=True)):
+    for k, (y, x, w) in enumerate(zip(DY, DX, WINDOW, strict=True)):
         order = orders[:, k].reshape(trust.shape)
         at = np.ix_(patches.rows + y, patches.cols + x)
         share = w * (use if count == 1 else use & (bodies[at] == patches.body))
@@ -570,17 +744,30 @@ def common_reading(readings: Sequence[FreeReading]) -> FreeReading:
 
     Several smooth lights may explain a frame alike, and under each other regions are turned over
     about a crest: u' = (u² + sum d²)^(1/2), d the difference of another reading's order; a pixel of
-    more than 0.03 fringe, or that another does not know, is not known. A known order that is missed
-    speaks against a light. `readings`: the best first.
+    more than 0.03 fringe, or that another does not know, is not known. `readings`: the best first.
     """
     best, *others = _fewest_missed(readings)
     orders = [result.reading.order for result in others]
     if not orders:
         return best
-    error = _disagreement(best.reading.order, orders)
-    reading = less_sure(best.reading, error, LARGEST_UNCERTAINTY)
-    note = _of_what_is_lost(best.reading, reading, orders)
-    return replace(best, reading=reading, said=(*best.said, *note))
+    before = best.reading
+    reading = less_sure(before, _disagreement(before.order, orders), LARGEST_UNCERTAINTY)
+    read = np.isfinite(before.order)
+    lost = read & ~np.isfinite(reading.order)
+    share = float(lost.sum() / max(1, int(read.sum())))
+    if share < _WORTH_SAYING:
+        return replace(best, reading=reading)
+    note = message("another_smooth_light_explains", share=100.0 * share)
+    for order in orders:
+        away = np.where(lost, np.abs(order - before.order), np.nan)
+        if (away > APART).any():  # else no known order rules either light out
+            at = innermost(clearly_apart(away))
+            first, second = sorted((float(before.order[at]), float(order[at])))
+            note += message(
+                "known_order_row_column", at=at[0], at_2=at[1], first=first, second=second
+            )
+            break
+    return replace(best, reading=reading, said=(*best.said, note))
 
 
 def common_orders(
@@ -607,23 +794,3 @@ def _disagreement(order: Array, orders: Sequence[Array]) -> Array:
     """How far others are from an order, root sum of squares; inf where one is not known."""
     square = np.sum([(order - other) ** 2 for other in orders], axis=0)
     return np.sqrt(np.where(np.isnan(square), np.inf, square))
-
-
-def _of_what_is_lost(before: OrderReading, after: OrderReading, orders: list[Array]) -> list[str]:
-    """What to say of pixels that other lights take away."""
-    read = np.isfinite(before.order)
-    lost = read & ~np.isfinite(after.order)
-    share = float(lost.sum() / max(1, int(read.sum())))
-    if share < _WORTH_SAYING:
-        return []
-    note = message("another_smooth_light_explains", share=100.0 * share)
-    for order in orders:
-        away = np.where(lost, np.abs(order - before.order), np.nan)
-        if (away > APART).any():  # else no known order rules either light out
-            at = innermost(clearly_apart(away))
-            first, second = sorted((float(before.order[at]), float(order[at])))
-            note += message(
-                "known_order_row_column", at=at[0], at_2=at[1], first=first, second=second
-            )
-            break
-    return [note]
