@@ -2,7 +2,7 @@
 
 import pytest
 
-from isochrome.fitting.search import cold_start
+from isochrome.fitting import search
 
 
 @pytest.fixture
@@ -14,6 +14,6 @@ def scans(monkeypatch):
         made.append(args)
         return scan(*args)
 
-    scan = cold_start.rungs
-    monkeypatch.setattr(cold_start, "rungs", rungs)
+    scan = search.rungs
+    monkeypatch.setattr(search, "rungs", rungs)
     return made

@@ -5,7 +5,7 @@ import pytest
 from fitting.cold_frames import LOAD_BAR, RIGHT_CHI, is_right, random_case
 from isochrome.errors import InputError
 from isochrome.fitting import fit_frame, placed
-from isochrome.fitting.search.cold_start import search_frame
+from isochrome.fitting.search import search_frame
 
 
 def study(kind: str, seeds: range) -> list[str]:

@@ -5,8 +5,7 @@ import pytest
 
 from isochrome.errors import PhysicsError
 from isochrome.estimation import frame_light, linear_costs, prepare, solve_linear, total_degree
-from isochrome.fitting.search.cold_start import BULK, _Lattice
-from isochrome.fitting.search.scan import ladder, rungs, shears_to
+from isochrome.fitting.search import BULK, _Lattice, ladder, rungs, shears_to
 from isochrome.reference import disc_stress
 from isochrome.scene import parse_scene
 from isochrome.simulation import scene_states, state_difference

@@ -10,8 +10,8 @@ from fitting.engine_frames import prepared
 from isochrome import fitting
 from isochrome.errors import InputError, PhysicsError
 from isochrome.estimation import HALF, Minimum, PixelLight, frame_light, is_explained
-from isochrome.fitting.search.cold_start import search_frame
-from isochrome.fitting.tractions.api import asked_for
+from isochrome.fitting.api import asked_for
+from isochrome.fitting.search import search_frame
 from isochrome.frames import Frame, to_linear
 from isochrome.output import write_tiff
 from isochrome.scene import dump_scene, parse_scene

@@ -182,7 +182,9 @@ def test_a_slip_is_named_that_leaves_a_sixteenth_of_what_chi_squared_is_too_larg
     monkeypatch, image, chi, named
 ):
     """Of 19² - 1 = 360 that is 22.5: chi = 4.85."""
-    monkeypatch.setattr(slips, "_tried", lambda slip, keys, lost: (chi, slip.scene))
+    monkeypatch.setattr(
+        slips, "_tried", lambda data, scene, keys, lost: SimpleNamespace(chi=chi, scene=scene)
+    )
     assert (
         slips.explaining_slip(prepared(image, stated()), stated(), None, 19.0) is not None
     ) is named

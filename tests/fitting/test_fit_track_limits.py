@@ -13,8 +13,8 @@ from fitting.test_fit_track import FRICTION, LOAD, SHAPE, contact
 from fitting.test_fit_track_worn import WEAR, worn_film
 from isochrome.contact import GrowingScar, contact_grid, make_site, wear, wear_course, worn_states
 from isochrome.fitting import Tracked, Tracker, placed, track
-from isochrome.fitting.tracking.result import make_track, track_row
-from isochrome.fitting.tracking.tracked_model import TrackedModel
+from isochrome.fitting.result import make_track, track_row
+from isochrome.fitting.tracking.tracker import TrackedModel
 from isochrome.fitting.tracking.worn_course import GROWTH, WornCourse
 from isochrome.frames import Frame, NoiseModel
 from isochrome.optics import expose

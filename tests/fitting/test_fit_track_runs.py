@@ -5,8 +5,8 @@ import pytest
 
 from fitting.test_fit_track import FRICTION, LOAD, contact, film, frame_of, save
 from isochrome import open_run
+from isochrome.fitting import api as track_run
 from isochrome.fitting import track
-from isochrome.fitting.tracking import api as track_run
 from isochrome.runs import Stopped
 from isochrome.scene import load_scene
 from isochrome.simulation import scene_states

@@ -36,13 +36,13 @@ def test_after_an_unworn_frame_the_wear_starts_from_the_scenes_law():
     course = WornCourse(scene, (LOAD, FRICTION, WEAR))
     values = course.own_values()
     course.take(values)
-    assert course.worn_mm2 == 0.0
+    assert course.after.worn_mm2 == 0.0
     course.passed(values)
     course.at(40.0)
     course.take(values)
     line = values[0] / scene.specimen.thickness_mm
     k = scene.wear_coefficient_at(40.0)
-    assert course.worn_mm2 == pytest.approx(k * line * 40e3, rel=1e-6)
+    assert course.after.worn_mm2 == pytest.approx(k * line * 40e3, rel=1e-6)
 
 
 def test_a_step_of_a_tracked_wear_coefficient_wears_as_much_as_the_law_says():

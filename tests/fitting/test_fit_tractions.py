@@ -10,7 +10,7 @@ from fitting.pressed import CONTACT, LOBE, ORDER_PER_MPA, THICKNESS, Patch, Pres
 from imagej_heads import has_whole_head, heads_of
 from isochrome.errors import InputError, PhysicsError
 from isochrome.fitting import fit
-from isochrome.fitting.tractions.inversion import invert_tractions
+from isochrome.fitting.tractions import invert_tractions
 from isochrome.output import read_csv, write_tiff
 from isochrome.reference import sliding_hertz_stress
 from isochrome.scene import parse_scene

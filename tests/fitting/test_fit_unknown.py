@@ -99,4 +99,4 @@ def test_a_frame_as_its_scene_says_has_nothing_unknown():
     grey = 20.0 + 200.0 * image + np.random.default_rng(0).normal(0.0, 2.0, image.shape)
     frame = Frame(0, np.clip(grey, 0, 255).astype(np.uint8), None, "clean")
     freed = fit_with_causes(prepared(frame.image, scene, bit_depth=8), scene)
-    assert freed.now.waves is None and not {ORDER, STRESS} & freed.fitted.names
+    assert freed.now.waves is None and not {ORDER, STRESS} & freed.names

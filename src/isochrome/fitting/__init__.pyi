@@ -1,4 +1,4 @@
-from .api import FrameWork, fit
+from .api import FrameWork, fit, track
 from .causes.cause import CAUSES, RARE
 from .causes.freeing import Freed, fit_with_causes
 from .causes.modes import SIZES
@@ -11,8 +11,7 @@ from .causes.report import (
     rival_causes,
 )
 from .causes.score import LIGHT, ORDER, WIDTHS
-from .figure import over_distance_figure
-from .folder import fit_report, restore_fit, restore_values
+from .folder import fit_report, over_distance_figure, restore_fit, restore_values
 from .frame.frame_fit import FrameFit, cramer_rao_bound, fit_frame, placed, propagated
 from .frame.frame_model import FrameModel, Pixels, clear_of_ends, local_model, solve_with_gamma
 from .frame.model_frame import ModelFrame, evaluate_model
@@ -42,7 +41,7 @@ from .frame.unknowns import (
     stated_pairs,
     taken_as_exact,
 )
-from .frame_set import CORRECT, PreparedFrames, refuse_alike
+from .frame_set import CORRECT, TOO_FAR, PreparedFrames, refuse_alike
 from .joint.frame_sequence import (
     MeasuredArea,
     SharedRun,
@@ -54,10 +53,8 @@ from .joint.frame_sequence import (
 )
 from .joint.joint_fit import JointProblem, fit_of_each, is_each, refuse_undetermined, with_scars
 from .joint.normal_equations import add_up, linearise_frame, make_renderer, scar_equations
-from .result import PARTS, TOO_FAR, Fit, KeyBudget, fitted_scene, make_result
-from .search.picture_search import Lying, PictureStart, search_picture
-from .tracking.api import track
-from .tracking.result import untracked_inputs
+from .result import PARTS, Fit, KeyBudget, fitted_scene, make_result, untracked_inputs
+from .search import Lying, PictureStart, search_picture
 from .tracking.tracker import Apparatus, Tracked, Tracker, find_apparatus
 from .wear_laws import (
     CLEAR,

@@ -1,4 +1,9 @@
-"""`fit`: each frame on its own, as chunks of a long run; then all of them together."""
+"""`fit`: each frame on its own, as chunks of a long run; then all of them together.
+
+`track`: a video's frames one after the other, each followed from the one before.
+"""
+
+from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import closing
@@ -9,16 +14,28 @@ from typing import Any
 
 import numpy as np
 
-from isochrome.errors import PhysicsError
+from isochrome.errors import InputError, PhysicsError
 from isochrome.estimation import POOR_CHI, FrameData, Minimum, Unevenness
 from isochrome.fitting.causes.freeing import ADDED, Freed, fit_with_causes, free_causes
 from isochrome.fitting.causes.report import cause_messages, opposite_shear
 from isochrome.fitting.causes.solution import FrameSolution
-from isochrome.fitting.figure import figure_of_frames
-from isochrome.fitting.folder import restore_fit, write_fit
+from isochrome.fitting.folder import (
+    figure_of_frames,
+    kept_values,
+    restore_fit,
+    write_fit,
+    write_track,
+)
 from isochrome.fitting.frame.frame_fit import FrameFit, fit_frame, placed
-from isochrome.fitting.frame.unknowns import GAMMA, WEAR, inputs_of_rows, stated_inputs
-from isochrome.fitting.frame_set import CORRECT, PreparedFrames, refuse_alike, refuse_keys
+from isochrome.fitting.frame.single_state import slid_until, sliding_scene
+from isochrome.fitting.frame.unknowns import GAMMA, TOP, WEAR, inputs_of_rows, stated_inputs
+from isochrome.fitting.frame_set import (
+    CORRECT,
+    PreparedFrames,
+    refuse_alike,
+    refuse_keys,
+    refuse_states,
+)
 from isochrome.fitting.joint.frame_sequence import Sequence, alone_scene, make_sequence
 from isochrome.fitting.joint.joint_fit import (
     JointFit,
@@ -31,19 +48,13 @@ from isochrome.fitting.joint.joint_fit import (
     with_scars,
 )
 from isochrome.fitting.joint.normal_equations import measured_areas, refuse_scars, scar_messages
-from isochrome.fitting.result import Fit, fitted_scene, make_result
-from isochrome.fitting.tractions.api import asked_for, with_tractions
-from isochrome.fitting.tractions.inversion import refuse_without_contact
-from isochrome.fitting.wear_laws import (
-    WearLaws,
-    compare_laws,
-    mean_coefficients,
-    segment_ends,
-    segments,
-)
-from isochrome.frames import absolute, input_files, open_scene_frames
+from isochrome.fitting.result import Fit, Track, make_result, make_track, restored_track, track_row
+from isochrome.fitting.tracking.tracker import Apparatus, Tracker, find_apparatus
+from isochrome.fitting.tractions import invert_tractions, refuse_without_contact
+from isochrome.fitting.wear_laws import WearLaws, mean_coefficients, segment_ends, segments
+from isochrome.frames import absolute, input_files, load_no_load, open_scene_frames, with_file_scale
 from isochrome.messages import message
-from isochrome.output import messages_of_frames
+from isochrome.output import messages_of_frames, named_frames
 from isochrome.progress import RunProgress, Tally
 from isochrome.runs import (
     Job,
@@ -59,7 +70,7 @@ from isochrome.runs import (
     run_job,
     single_threaded,
 )
-from isochrome.scene import FramesLike, SceneLike, dump_scene, frames_of, load_scene
+from isochrome.scene import FramesLike, SceneLike, check_pixel, dump_scene, frames_of, load_scene
 
 Progress = Callable[[], None]
 _ARRAYS = (
@@ -153,20 +164,18 @@ class FrameWork:
         return extended
 
 
-def joint_stage(
-    data: PreparedFrames,
-    sequence: Sequence,
+def _joint_stage(
+    work: FrameWork,
     single_fits: list[FrameFit],
-    messages: Iterable[tuple[int, str]],
+    messages: list[tuple[int, str]],
     progress: Progress,
-    *,
-    as_stated: bool = False,
 ) -> tuple[Fit, JointFit]:
     """All frames together, from what each says on its own: the Fit and the JointFit behind it.
 
     Where nothing ties them together, their own fits are the result, and no frame is read again.
     PhysicsError for unknowns that the frames do not tell, or not apart.
     """
+    data, sequence = work.data, work.sequence
     if not any(fit.positive for fit in single_fits):
         causes = messages_of_frames(messages, single=sequence.count == 1)
         cause, count = next(iter(causes), message(CORRECT)), len(single_fits)
@@ -175,8 +184,8 @@ def joint_stage(
         )
     data.plain = {i for i, fit in enumerate(single_fits) if fit.plain}
     data.noises = {i: fit.noise_ratio for i, fit in enumerate(single_fits) if fit.noise_ratio > 1.0}
-    if _frames_tell_all(sequence, single_fits):
-        joint = _apart(sequence, single_fits)
+    joint = _apart(sequence, single_fits)
+    if joint is not None:
         notices = messages_of_frames(messages, single=sequence.count == 1)
         notices += (*scar_messages(sequence.areas, joint.scene), *_opposite_shears(joint))
         return make_result(joint, single_fits, None, tuple(notices)), joint
@@ -185,7 +194,7 @@ def joint_stage(
     apart = _worn_apart(now)
     notes: tuple[str, ...] = ()
     joint = now.fit
-    if not as_stated:
+    if not work.as_stated:
         # what a law of wear leaves is no cause: asked is the fit that needs none
         extended = free_causes(apart or now)
         notes = cause_messages(extended)
@@ -196,30 +205,31 @@ def joint_stage(
         joint = now.fit if apart else extended.fit
     assert now.fit.information is not None
     refuse_alike(tuple(u.key for u in joint.unknowns), now.fit.information, joint.known)
-    laws = _laws(apart.fit) if apart else None
+    laws = WearLaws.of(apart.fit) if apart else None
     notes += (*scar_messages(sequence.areas, joint.scene), *_opposite_shears(joint))
     return make_result(joint, single_fits, laws, notes), joint
 
 
-def _apart(sequence: Sequence, single_fits: list[FrameFit]) -> JointFit:
-    """Frames' own fits as one, with measured scars; PhysicsError for a key that none tells."""
+def _apart(sequence: Sequence, single_fits: list[FrameFit]) -> JointFit | None:
+    """Frames' own fits as one, with measured scars; PhysicsError for a key that none tells.
+
+    None where something ties the frames, or scars add to one that does not tell all unknowns.
+    """
+    if not is_each(sequence):
+        return None
+    if sequence.areas:
+        (fit,) = single_fits
+        try:
+            refuse_alike(fit.keys, fit.information, fit.inputs.keys)
+        except PhysicsError:
+            return None
+        if not (fit.positive and np.isfinite(fit.standard_uncertainty).all()):
+            return None
     for key in dict.fromkeys(u.key for u in sequence.unknowns):
         having = (f for i, f in enumerate(single_fits) if key in sequence.acting(i))
         refuse_undetermined(key, having)
     joint = fit_of_each(sequence, single_fits)
     return with_scars(joint, single_fits[0]) if sequence.areas else joint
-
-
-def _frames_tell_all(sequence: Sequence, single_fits: list[FrameFit]) -> bool:
-    """Whether nothing ties the frames, and scars, if any, add to one that tells all unknowns."""
-    if not (sequence.areas and is_each(sequence)):
-        return is_each(sequence)
-    (fit,) = single_fits
-    try:
-        refuse_alike(fit.keys, fit.information, fit.inputs.keys)
-    except PhysicsError:
-        return False
-    return fit.positive and bool(np.isfinite(fit.standard_uncertainty).all())
 
 
 def _worn_apart(now: JointSolution) -> JointSolution | None:
@@ -245,24 +255,6 @@ def _opposite_shears(joint: JointFit) -> list[str]:
             messages.append((first, text))
     return messages_of_frames(messages, single=joint.sequence.count == 1)
 
-
-def _laws(free: JointFit) -> WearLaws:
-    """The wear laws, compared by what was worn between the frames of a fit without one."""
-    ends = segment_ends(free.sequence)
-    assert free.information is not None
-    worn = [k for k, u in enumerate(free.unknowns) if u.key == WEAR]
-    names = ("from_m", "to_m", "value", "standard_uncertainty")
-    columns = np.array(
-        [[0.0, *ends[:-1]], ends, free.values[worn], free.standard_uncertainty[worn]]
-    )
-    between = [dict(zip(names, row, strict=True)) for row in columns.T.tolist()]
-    laws = compare_laws(
-        free.sequence, free.values, free.information, cost=free.cost, freedom=free.freedom
-    )
-    return WearLaws(laws, tuple(between), free.chi)
-
-
-__all__ = ["Fit", "fit", "fitted_scene"]
 
 _PASSES = 12
 """Times that a joint fit mostly goes through all frames."""
@@ -377,83 +369,91 @@ def fit(
     files = input_files(open_scene_frames(frames, scene), scene)
     if cluster is not None:
         frames, scene = absolute(frames, scene)
+    keys = shared + per_frame_keys
     with single_threaded(), closing(PreparedFrames(frames, scene)) as data:
-        task = _Task(data, shared, per_frame_keys, follow, tractions, as_stated, progress)
+        count, (height, width) = len(data), data.shape
+        sequence = _sequence(data, shared, per_frame_keys)
+        work = FrameWork(data, sequence, follow, as_stated)
+        steps = _Steps(progress, count, 1 + _PASSES * (not is_each(sequence)) + tractions)
+        concluded = partial(_concluded, work, steps, keys, tractions)
+        layout = RunLayout(axes={"frame": count}, chunk=chunk_size(count, 4 * height * width))
         if out is None:
-            job = Job(task.work, task.layout, {}, in_turn=follow)
-            return task.concluded(list(computed(job, task.steps.run)))[0]
-        keys = {"free": list(shared), "per_frame": list(per_frame_keys)}
-        options = keys | {"follow": follow, "tractions": tractions}
-        options |= {"as_stated": True} if as_stated else {}
+            return concluded(computed(Job(work, layout, {}, in_turn=follow), steps.run))[0]
+        options = {"free": list(shared), "per_frame": list(per_frame_keys), "follow": follow}
+        options |= {"tractions": tractions} | ({"as_stated": True} if as_stated else {})
         identity = run_identity(dump_scene(data.given), files, options)
-        job = Job(task.work, task.layout, identity, in_turn=follow)
-        return task.to_folder(job, Path(out), RunOptions(workers, cluster, restart))
-
-
-class _Task:
-    """A fit that was begun: its frames, unknowns, and how far it is."""
-
-    def __init__(
-        self,
-        data: PreparedFrames,
-        shared: tuple[str, ...],
-        per_frame: tuple[str, ...],
-        follow: bool,
-        tractions: bool,
-        as_stated: bool,
-        progress: RunProgress | None,
-    ) -> None:
-        sequence = make_sequence(placed(data.scene, data.shape), len(data), shared, per_frame)
-        if data.scene.scar:
-            refuse_scars(sequence)
-            sequence = replace(sequence, areas=measured_areas(data.scene))
-        rows, cols = data.shape
-        self.data, self.tractions = data, tractions
-        self.free_top = "camera.top_mm" in shared + per_frame
-        self.work = FrameWork(data, sequence, follow, as_stated)
-        self.asked = None if as_stated else shared + per_frame
-        self.layout = RunLayout(
-            axes={"frame": len(data)}, chunk=chunk_size(len(data), 4 * rows * cols)
-        )
-        passes = 0 if is_each(sequence) else _PASSES
-        self.steps = _Steps(progress, len(data), 1 + passes + tractions)
-
-    def to_folder(self, job: Job, out: Path, options: RunOptions) -> Fit:
-        """The fit, its files and what is kept of it on the way in a folder."""
+        job = Job(work, layout, identity, in_turn=follow)
 
         def finish(run_folder: RunFolder) -> Fit:
-            result, joint = self.concluded([row for row, _ in rows(run_folder)])
-            write_fit(run_folder, job, self.data.given.name, self.data, result, joint)
+            result, joint = concluded(row for row, _ in rows(run_folder))
+            write_fit(run_folder, job, data.given.name, data, result, joint)
             return result
 
-        run = partial(run_job, job, out, finish, progress=self.steps.run)
-        results = run(options=options)
-        if results is None and self.tractions:  # a folder does not hold all of them
-            results = run(options=replace(options, restart=True))
-        return results or restore_fit(out, self.data.given, self.asked)
+        run = partial(run_job, job, out, finish, progress=steps.run)
+        results = run(options=RunOptions(workers, cluster, restart))
+        if results is None and tractions:  # a folder does not hold all of them
+            results = run(options=RunOptions(workers, cluster, restart=True))
+        return results or restore_fit(Path(out), data.given, None if as_stated else keys)
 
-    def concluded(self, results: list[Row]) -> tuple[Fit, JointFit]:
-        """What all frames' own fits come to."""
-        data, sequence = self.data, self.work.sequence
-        single_fits = [self.work.restored(i, row) for i, row in enumerate(results)]
-        messages = [(i, text) for i, row in enumerate(results) for text in row["said"]]
-        data.lights = {
-            i: Unevenness(*row["light"]) for i, row in enumerate(results) if row["light"]
-        }
-        result, joint = joint_stage(
-            data, sequence, single_fits, messages, self.steps.one, as_stated=self.work.as_stated
-        )
-        result = replace(result, asked=self.asked)
-        if self.tractions:
-            given = [placed(alone_scene(data.scene, i), data.shape) for i in range(len(data))]
-            result = with_tractions(
-                result, data, joint, given, free_top=self.free_top, progress=self.steps.one
-            )
-        else:
-            result = replace(result, warnings=(*result.warnings, *asked_for(result)))
-        self.steps.end()
-        frames = data.path, data.given, frozenset(data.plain), dict(data.lights)
-        return replace(result, draw=partial(figure_of_frames, *frames, joint.scenes)), joint
+
+def _sequence(
+    data: PreparedFrames, shared: tuple[str, ...], per_frame: tuple[str, ...]
+) -> Sequence:
+    """The unknowns of some frames, with the worn areas that were measured of their run."""
+    sequence = make_sequence(placed(data.scene, data.shape), len(data), shared, per_frame)
+    if not data.scene.scar:
+        return sequence
+    refuse_scars(sequence)
+    return replace(sequence, areas=measured_areas(data.scene))
+
+
+def _concluded(
+    work: FrameWork, steps: _Steps, keys: tuple[str, ...], tractions: bool, results: Iterable[Row]
+) -> tuple[Fit, JointFit]:
+    """What the frames' own fits come to, of some `keys`."""
+    data, results = work.data, list(results)
+    single_fits = [work.restored(i, row) for i, row in enumerate(results)]
+    messages = [(i, text) for i, row in enumerate(results) for text in row["said"]]
+    data.lights = {i: Unevenness(*row["light"]) for i, row in enumerate(results) if row["light"]}
+    result, joint = _joint_stage(work, single_fits, messages, steps.one)
+    result = replace(result, asked=None if work.as_stated else keys)
+    if tractions:
+        result = _with_tractions(result, data, joint, free_top=TOP in keys, progress=steps.one)
+    else:
+        result = replace(result, warnings=(*result.warnings, *asked_for(result)))
+    steps.end()
+    frames = data.path, data.given, frozenset(data.plain), dict(data.lights)
+    return replace(result, draw=partial(figure_of_frames, *frames, joint.scenes)), joint
+
+
+ASK_CHI = 1.1
+"""Residual over noise of a model's fit from which tractions are the better description."""
+
+
+def asked_for(result: Fit) -> tuple[str, ...]:
+    """What to say of a contact's fit without tractions: whether they are called for."""
+    poor = [i for i, chi in enumerate(result.frame_chi) if chi > ASK_CHI]
+    if not poor or result.scene.indenter is None:
+        return ()
+    worst, frames = max(result.frame_chi), named_frames(poor)
+    return (message("chi_contact_model_does", frame_chi=worst, named_frames=frames),)
+
+
+def _with_tractions(
+    result: Fit, data: PreparedFrames, joint: JointFit, *, free_top: bool, progress: Progress
+) -> Fit:
+    """A fit with each frame's tractions, from the `joint` fit's scenes, then those given."""
+    plain, data.plain = data.plain, set()  # a poor model's light is not the frame's
+    outcome, messages = [], list[str]()
+    head = "tractions of frame {i}: " if len(data) > 1 else "tractions: "
+    for i, frame in enumerate(data):
+        given = placed(alone_scene(data.scene, i), data.shape)
+        one = invert_tractions(frame, joint.scenes[i], given, free_top=free_top)
+        messages += [head.format(i=i) + text for text in one.warnings]
+        outcome.append(one)
+        progress()
+    data.plain = plain
+    return replace(result, tractions=tuple(outcome), warnings=(*result.warnings, *messages))
 
 
 class _Steps:
@@ -480,3 +480,133 @@ class _Steps:
         self.tally = tally
         if self.progress is not None:
             self.progress(tally)
+
+
+CHUNK = 250
+"""Frames that are kept together: a killed track goes on from the last of them."""
+
+
+def track(
+    frames: FramesLike,
+    scene: SceneLike,
+    keys: list[str] | tuple[str, ...],
+    *,
+    as_stated: bool = False,
+    out: str | Path | None = None,
+    workers: int | None = None,
+    cluster: str | None = None,
+    restart: bool = False,
+    progress: RunProgress | None = None,
+) -> Track:
+    """Follow keys of a contact scene through a video, each frame from the one before.
+
+    One frame is in memory. Of a worn contact, the worn area at a frame is what the tracked loads
+    and frictions have worn until then by the scene's law; its distance comes from the frames' times
+    and frames.sliding_speed_mm_per_s, or from wear.distances_m, one a frame.
+
+    Parameters
+    ----------
+    frames : str, Path, sequence of them, array or sequence of arrays
+        A TIFF stack, image, video, or a folder, list or glob of them, or frames in memory, as for
+        `open_frames`.
+    scene : str, Path, Scene or mapping
+        A TOML file, the name of a scene of the package, a Scene, or its tables, where the first
+        frame's search starts.
+    keys : list or tuple of str
+        Keys to follow: load.normal_n, load.tangential_n, load.bulk_mpa, friction.coefficient,
+        wear.coefficient_mm2_per_n, camera.left_mm, camera.top_mm.
+    as_stated : bool, default False
+        Whether all that the scene states is held; else the first frame (or the middle or last one,
+        where that shows nothing) is asked for what belongs to the apparatus (the camera's roll,
+        distortion and keystone, gamma, blur, plates, band of wavelengths, uneven light, dust), and
+        what is found is held in all frames and named in the warnings.
+    out : str or Path, optional
+        Folder for fit.csv, scene.toml (the means), fit.json, provenance.json, fit.png,
+        report.html, run.zarr (values over frame, see `open_run`).
+    workers : int or None, optional
+        Only one process can follow a track: more than one is refused.
+    cluster : str, optional
+        Refused, as more than one worker is.
+    restart : bool, default False
+        Whether to begin anew where an earlier run was interrupted or is complete.
+    progress : callable, optional
+        Called with a Tally of the frames.
+
+    Returns
+    -------
+    Track
+        Values and standard uncertainties (frame, key), in the units that the keys name, and chi
+        (frame,).
+
+    Raises
+    ------
+    InputError
+        Where keys or the scene cannot be tracked, or frames are bad.
+    PhysicsError
+        Where no frame determines a value.
+
+    Notes
+    -----
+    What is finished is kept in ``OUT.partial`` until all is: after a crash, the same call
+    resumes from there. The worn area is W' = ∫ k P' ds over the sliding distance s, with the
+    wear coefficient k (mm²/N) and the load P' on a unit of thickness (N/mm): Archard (1953), J.
+    Appl. Phys. 24, 981.
+
+    Examples
+    --------
+    A video of a contact, which this page has none of:
+
+    >>> import isochrome
+    >>> found = isochrome.track(
+    ...     "recording.avi", "scene.toml", ["load.normal_n", "camera.left_mm"], out="tracked"
+    ... )  # doctest: +SKIP
+    >>> found.table  # doctest: +SKIP
+    """
+    scene = load_scene(scene)
+    keys = tuple(keys)
+    refuse_keys(scene, (), keys)
+    frames = frames_of(frames)
+    with single_threaded(), open_scene_frames(frames, scene) as reader:
+        scene = with_file_scale(scene, reader)
+        check_pixel(scene, reader.shape)
+        given = sliding_scene(scene)
+        no_load = load_no_load(given, full_shape=reader.full_shape)
+        apparatus = Apparatus(scene=placed(given, reader.shape))
+        make_tracker = partial(Tracker, keys=keys, bit_depth=reader.bit_depth, no_load=no_load)
+        make_tracker(apparatus.scene)  # what cannot be tracked is refused
+        if (count := reader.count(decode=False)) == 0:
+            raise InputError("holds_no_frame_check", path=reader.path)
+        if scene.frames.sliding_speed_mm_per_s is None:
+            refuse_states(reader.path, count, given)
+        if not as_stated:
+            apparatus = find_apparatus(reader, given, keys, count=count, no_load=no_load)
+            given = apparatus.scene
+
+        def work(start: int, stop: int, left: Any) -> Results:
+            tracker = make_tracker(apparatus.scene, apparatus=apparatus)
+            if left is not None:
+                tracker.resume(left)
+            found = []
+            for index in range(start, stop):
+                frame = reader.frame(index)
+                distance = slid_until(given, frame)
+                found.append(track_row(index, distance, keys, tracker.track(frame, distance)))
+            more = [{"status": "flagged" if row["messages"] else "ok"} for row in found]
+            return Results({}, found, more, {}, tracker.state())
+
+        layout = RunLayout(axes={"frame": count}, chunk=CHUNK)
+        result_of = partial(make_track, keys=keys, scene=given, said=apparatus.warnings)
+        if out is None:
+            return result_of(computed(Job(work, layout, {}, in_turn=True), progress))
+        options = {"track": list(keys)} | ({"as_stated": True} if as_stated else {})
+        identity = run_identity(dump_scene(scene), input_files(reader, scene), options)
+        job = Job(work, layout, identity, in_turn=True)
+
+        def finish(run_folder: RunFolder) -> Track:
+            result = result_of(row for row, _ in rows(run_folder))
+            write_track(run_folder, job, result, [more["status"] for _, more in rows(run_folder)])
+            return result
+
+        options_of_run = RunOptions(workers, cluster, restart)
+        result = run_job(job, out, finish, options=options_of_run, progress=progress)
+    return result or restored_track(*kept_values(Path(out), scene), keys)

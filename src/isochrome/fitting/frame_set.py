@@ -1,6 +1,6 @@
 """The frames of a fit, prepared as often as it goes through them, and what it refuses."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from copy import copy
 from dataclasses import replace
 from typing import Any, Self
@@ -11,7 +11,6 @@ from isochrome.errors import InputError, PhysicsError
 from isochrome.estimation import FrameData, Unevenness, prepare_frame, scaled_inverse
 from isochrome.fitting.arrays import Array, Mask
 from isochrome.fitting.frame.single_state import sliding_scene, timed_distance
-from isochrome.fitting.frame.unknowns import LENS
 from isochrome.frames import load_no_load, open_scene_frames, with_file_scale
 from isochrome.output import counted
 from isochrome.scene import DistanceTable, FramesLike, Scene, check_pixel
@@ -24,23 +23,41 @@ _KEPT = 8
 """Frames that are kept in memory once prepared; of longer sets each pass reads them again."""
 
 
-class FrameSet:
-    """Prepared frames (rows, cols) in memory, in order; every iteration starts at the first.
+class PreparedFrames:
+    """Prepared frames (rows, cols) of a path, which other processes may take.
 
-    `plain`, numbers of frames that get one amplitude for all their light, `lights` of those that
-    get an uneven one; `noises`, by how much more noise some have than their finest part shows;
-    `outside` (rows, cols), pixels that are left out.
+    `given`, the scene with their scale; `scene`, with their own distances too; `plain`, numbers of
+    those with one amplitude for all their light, `lights` of those with an uneven one; `noises`, by
+    how much more noise some have than they show; `outside` (rows, cols), pixels that are left out.
     """
 
-    def __init__(self, shape: tuple[int, int], frames: Sequence[FrameData] = ()) -> None:
-        """`frames`, those that are there already."""
-        self.shape = shape
-        self._count = len(frames)
-        self._kept = dict(enumerate(frames))
+    def __init__(self, path: FramesLike, scene: Scene) -> None:
+        """Raises InputError where the frames cannot be this scene's states."""
+        self.path, self.reader = path, open_scene_frames(path, scene)
+        self.shape, self._kept = self.reader.shape, dict[int, FrameData]()
         self.plain: set[int] = set()
         self.lights: Lights = {}
         self.noises: dict[int, float] = {}
         self.outside: Mask | None = None
+        self.given = with_file_scale(scene, self.reader)
+        check_pixel(self.given, self.shape)
+        self._no_load = load_no_load(scene, full_shape=self.reader.full_shape)
+        self._count = self.reader.count()
+        if self._count == 0:
+            raise InputError("holds_no_frame_check", path=path)
+        self.scene, speed = self.given, self.given.frames.sliding_speed_mm_per_s
+        if speed is not None and self.given.wear is not None:
+            distances = [timed_distance(frame, speed) for frame in self.reader]
+            self.scene = sliding_scene(self.given.with_values({"wear.distances_m": distances}))
+        if self._count > 1 and self.scene.is_contact:
+            refuse_states(path, self._count, self.scene)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return self.__dict__ | {"_kept": {}}
+
+    def close(self) -> None:
+        """Close the file."""
+        self.reader.close()
 
     def __len__(self) -> int:
         return self._count
@@ -54,7 +71,8 @@ class FrameSet:
 
     def some(self, start: int, stop: int) -> Iterator[FrameData]:
         """Prepared frames [start, stop). Raises InputError on a bad one."""
-        for i, data in enumerate(self._as_read(start, stop), start):
+        for i in range(start, stop):
+            data = self._kept.get(i) or self._read(i)
             if i in self.lights:
                 data = replace(data, lamp=data.lamp.of(self.lights[i]))
             if i in self.noises:
@@ -66,63 +84,21 @@ class FrameSet:
     def seen(self, uneven: Unevenness | None, outside: Mask | None) -> Self:
         """The same frames with such light in all of them, and without the pixels `outside`."""
         view = copy(self)
+        view._kept = self._kept
         view.lights = {} if uneven is None else dict.fromkeys(range(self._count), uneven)
         if outside is not None:
             view.outside = outside if self.outside is None else outside | self.outside
         return view
 
-    def _as_read(self, start: int, stop: int) -> Iterator[FrameData]:
-        """The frames [start, stop) with their own light and all their pixels."""
-        return (self._kept[i] for i in range(start, stop))
-
-
-class PreparedFrames(FrameSet):
-    """Prepared frames of a path, which other processes may take.
-
-    `given`, the scene with the frames' scale; `scene`, with their own distances too, by their
-    times.
-    """
-
-    def __init__(self, path: FramesLike, scene: Scene) -> None:
-        """Raises InputError where the frames cannot be this scene's states."""
-        self.path, self.reader = path, open_scene_frames(path, scene)
-        super().__init__(self.reader.shape)
-        self.given = with_file_scale(scene, self.reader)
-        check_pixel(self.given, self.reader.shape)
-        self._no_load = load_no_load(scene, full_shape=self.reader.full_shape)
-        self._count = self.reader.count()
-        if self._count == 0:
-            raise InputError("holds_no_frame_check", path=path)
-        self.scene, speed = self.given, self.given.frames.sliding_speed_mm_per_s
-        if speed is not None and self.given.wear is not None:
-            distances = [timed_distance(frame, speed) for frame in self.reader]
-            self.scene = sliding_scene(self.given.with_values({"wear.distances_m": distances}))
-        if self._count > 1 and self.scene.is_contact:
-            refuse_states(path, self._count, self.scene)
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {k: v for k, v in self.__dict__.items() if k != "_kept"}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state, _kept={})
-
-    def close(self) -> None:
-        """Close the file."""
-        self.reader.close()
-
-    def _as_read(self, start: int, stop: int) -> Iterator[FrameData]:
-        prepared = all(i in self._kept for i in range(start, stop))
-        return super()._as_read(start, stop) if prepared else self._read(start, stop)
-
-    def _read(self, start: int, stop: int) -> Iterator[FrameData]:
-        for i in range(start, stop):
-            frame, depth = self.reader.frame(i), self.reader.bit_depth
-            data = prepare_frame(
-                frame, self.scene, bit_depth=depth, no_load=self._no_load, gamma_found=True
-            )
-            if self._count <= _KEPT:
-                self._kept[i] = data
-            yield data
+    def _read(self, i: int) -> FrameData:
+        """A frame with its own light and all its pixels."""
+        frame, depth = self.reader.frame(i), self.reader.bit_depth
+        data = prepare_frame(
+            frame, self.scene, bit_depth=depth, no_load=self._no_load, gamma_found=True
+        )
+        if self._count <= _KEPT:
+            self._kept[i] = data
+        return data
 
 
 _SAME_EFFECT = {
@@ -131,6 +107,10 @@ _SAME_EFFECT = {
     "camera.pixel_mm": "a larger pixel and a larger load spread the fringes alike",
 }
 """Keys that cannot be told from the load, and why."""
+
+TOO_FAR = 0.12
+"""Residual over contrast beyond which a model tells nothing: no value, and no pixel's branch.
+A right model leaves the noise, about 0.02; one that is 3 % off in load 0.05; wrong ones 0.15 on."""
 
 CORRECT = "correct_scene_what_stood"
 """What to do where nothing could be read."""
@@ -200,10 +180,3 @@ def refuse_alike(keys: tuple[str, ...], information: Array, known: tuple[str, ..
         raise PhysicsError(
             "cannot_told_apart_these", keys=keys[i], keys_2=keys[j], correlation=correlation[i, j]
         )
-
-
-def refuse_bent(scene: Scene, what: str) -> None:
-    """InputError for a camera that is not square where that is not in the model."""
-    for key in LENS:
-        if scene.get(key):
-            raise InputError("such_frames_cannot", key=key, scene=scene.get(key), what=what)

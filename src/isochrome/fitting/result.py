@@ -1,35 +1,53 @@
-"""What a fit found, and how it is written: JSON, table, scene."""
+"""What a fit or a track found, and how it is written: JSON, table, scene."""
 
-from collections.abc import Iterator, Sequence
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from isochrome.errors import PhysicsError
 from isochrome.estimation import ALIKE_CHI, POOR_CHI, BudgetInput
+from isochrome.figures import BAND, PaperPanels, panels_figure, plain_name, values_plots
+from isochrome.fitting.arrays import Array
 from isochrome.fitting.frame.frame_fit import FrameFit
 from isochrome.fitting.frame.single_state import frame_distance
 from isochrome.fitting.frame.unknowns import EARLIER, FRICTION, taken_as_exact
 from isochrome.fitting.frame_set import CORRECT
 from isochrome.fitting.joint.frame_sequence import over_distance
 from isochrome.fitting.joint.joint_fit import JointFit
-from isochrome.fitting.tractions.inversion import Tractions
+from isochrome.fitting.tracking.tracker import AGAIN, Tracked
+from isochrome.fitting.tractions import Tractions
 from isochrome.fitting.wear_laws import WearLaws
-from isochrome.messages import message, warnings_json
+from isochrome.messages import (
+    frame_messages,
+    message,
+    read_frame_messages,
+    read_warnings,
+    warnings_json,
+)
 from isochrome.output import (
     FittedResult,
     FrameValues,
     agree,
+    columns_of,
     counted,
     messages_of_frames,
     named_frames,
     numbers,
+    over_items,
+    plain,
     refined_texts,
     rows_by_key,
     spoken,
     with_uncertainty,
 )
 from isochrome.scene import Scene
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Found = dict[str, dict[str, float]]
 """Key to what is known of it, see PARTS."""
@@ -41,11 +59,6 @@ PARTS = ("value", "standard_uncertainty", "noise_uncertainty", "cramer_rao_bound
 def column_name(key: str, part: str) -> str:
     """The name of a column: the key alone is its value."""
     return key if part == PARTS[0] else f"{key} {part}"
-
-
-TOO_FAR = 0.12
-"""Residual over contrast beyond which a model tells nothing: no value, and no pixel's branch.
-A right model leaves the noise, about 0.02; one that is 3 % off in load 0.05; wrong ones 0.15 on."""
 
 
 @dataclass(frozen=True)
@@ -199,16 +212,14 @@ class Fit(FittedResult):
     @property
     def columns(self) -> dict[str, list[Any]]:
         """Those of fit.csv: one row for each unknown, 'all' or the frame it belongs to."""
-        rows: list[tuple[Any, ...]] = [
-            ("all", None, key, *(estimate[part] for part in PARTS), self.chi)
-            for key, estimate in self.shared.items()
+        places: list[Any] = [("all", None, self.chi, self.shared)]
+        numbered = map(str, range(len(self.frames)))
+        places += zip(numbered, self.distance_m, self.frame_chi, self.frames, strict=True)
+        rows = [
+            (place, distance, key, *(estimate[part] for part in PARTS), chi)
+            for place, distance, chi, estimates in places
+            for key, estimate in estimates.items()
         ]
-        each = zip(self.frames, self.distance_m, self.frame_chi, strict=True)
-        for i, (estimates, distance, chi) in enumerate(each):
-            rows += [
-                (str(i), distance, key, *(estimate[part] for part in PARTS), chi)
-                for key, estimate in estimates.items()
-            ]
         names = ("frame", "distance_m", "key", *PARTS, "chi")
         return {name: [row[k] for row in rows] for k, name in enumerate(names)}
 
@@ -328,3 +339,155 @@ def fitted_scene(scene: Scene, shared: Found, per_frame: list[Found]) -> Scene:
     if isinstance(values.get(FRICTION), dict):
         values.pop(EARLIER, None)
     return scene.with_values(values)
+
+
+TRACK_PARTS = {"value": "values"} | {n: n for n in PARTS[1:] if n != "noise_uncertainty"}
+"""What is known of a key, as tables name it, and the attribute that holds it."""
+
+
+@dataclass(frozen=True, repr=False, kw_only=True)
+class Track(FittedResult):
+    """Tracked values of n frames.
+
+    `keys`; `values`, `standard_uncertainty`, `cramer_rao_bound` (n, keys), NaN where a frame does
+    not show the scene's fringes; `chi` (n,), residual over noise; `distance_m` (n,), NaN where
+    nothing wears; `searched`, frames that a full search had to find; `scene`, with the values'
+    means; `warnings` in plain words; `already`, whether an earlier run had left it all.
+    """
+
+    keys: tuple[str, ...]
+    values: Array
+    standard_uncertainty: Array
+    cramer_rao_bound: Array
+    chi: Array
+    distance_m: Array
+    searched: tuple[int, ...]
+    scene: Scene
+    warnings: tuple[str, ...]
+    already: bool = False
+
+    def to_json(self) -> dict[str, Any]:
+        """The result as `--json` prints it: a list of values for each key, and of chi."""
+        values: dict[str, Any] = {
+            key: {part: getattr(self, name)[:, j] for part, name in TRACK_PARTS.items()}
+            for j, key in enumerate(self.keys)
+        }
+        values |= {"chi": self.chi, "distance_m": self.distance_m, "searched": self.searched}
+        values |= warnings_json(self.warnings) | {"taken_as_exact": self.taken_as_exact}
+        result: dict[str, Any] = plain(values | {"summary_text": self.summary_text})
+        return result
+
+    @property
+    def columns(self) -> dict[str, Any]:
+        """Those of fit.csv: one row for each key of each frame."""
+        count, keys = self.values.shape
+        return {
+            "frame": np.repeat(np.arange(count).astype(str), keys),
+            "distance_m": np.repeat(self.distance_m, keys),
+            "key": np.tile(np.array(self.keys), count),
+            **{part: getattr(self, name).ravel() for part, name in TRACK_PARTS.items()},
+            "chi": np.repeat(self.chi, keys),
+            "searched": np.repeat(self.over_frames.searched.astype(int), keys),
+        }
+
+    @property
+    def title(self) -> str:
+        """The scene and how many frames were tracked."""
+        return f"Track through {counted(len(self.chi), 'frame')} of {self.scene.name}"
+
+    def main_values(self) -> Iterator[tuple[str, str]]:
+        """Each key over the frames, and chi."""
+        yield from super().main_values()
+        yield "chi", over_items(self.chi)
+
+    @property
+    def over_frames(self) -> FrameValues:
+        """The values, to be drawn and summed up as those of other commands."""
+        return FrameValues(
+            keys=self.keys, values=self.values, standard_uncertainty=self.standard_uncertainty,
+            chi=self.chi, distance_m=self.distance_m,
+            searched=np.isin(np.arange(len(self.chi)), self.searched),
+            whole=np.zeros(len(self.chi), dtype=bool),
+        )  # fmt: skip
+
+    @property
+    def taken_as_exact(self) -> tuple[str, ...]:
+        """Keys of the measured numbers whose uncertainty is not in the ±, stated or not."""
+        return taken_as_exact(self.scene, self.keys, tracked=True)
+
+    def figure(self) -> Figure:
+        """Each key with its band, and chi."""
+        head = f"{plain_name(self.scene.name)}: tracked values, band ± {BAND:g} standard"
+        head += " uncertainties\ncircles: found by a full search"
+        return panels_figure(PaperPanels(plots=values_plots(self.over_frames)), head)
+
+
+def track_row(
+    index: int, distance_m: float | None, keys: tuple[str, ...], found: Tracked
+) -> dict[str, Any]:
+    """A frame's row as plain numbers: its number, distance (m), and what was found in it."""
+    row: dict[str, Any] = {"frame": index, "distance_m": distance_m, "chi": float(found.chi)}
+    for part, name in TRACK_PARTS.items():
+        values = np.asarray(getattr(found, name), float).tolist()
+        row |= {column_name(key, part): v for key, v in zip(keys, values, strict=True)}
+    # the first frame has nothing to be followed from
+    said = [text for text in found.warnings if index or text != message(AGAIN)]
+    return row | {"searched": bool(found.searched), "messages": frame_messages(said)}
+
+
+def untracked_inputs(scene: Scene) -> list[str]:
+    """What is said where a scene states uncertainties, which tracked values leave out."""
+    if not scene.uncertainties:
+        return []
+    return [
+        message("stated_uncertainties_not_tracked", uncertainties=", ".join(scene.uncertainties))
+    ]
+
+
+def make_track(
+    rows: Iterable[Mapping[str, Any]], keys: tuple[str, ...], scene: Scene,
+    said: tuple[str, ...] = (),
+) -> Track:  # fmt: skip
+    """The track of frames' rows, see `track_row`; `said`, what is to be said of all frames.
+
+    Rows are let go one by one: hours of video are some megabytes. Raises PhysicsError where none
+    tells any value.
+    """
+    table = columns_of(rows)
+    parts = _track_parts(keys, lambda key, part: table[column_name(key, part)])
+    values, spread = parts["values"], parts["standard_uncertainty"]
+    known = np.isfinite(values) & np.isfinite(spread)
+    if not known.any():
+        count, cause = len(values), message(CORRECT)
+        raise PhysicsError(
+            "nothing_could_read_any", name=scene.name, single_fits_count=count, cause=cause
+        )
+    cells = enumerate(table["messages"])
+    of_frames = [(k, text) for k, cell in cells for text in read_frame_messages(cell)]
+    means = {
+        key: float(values[known[:, j], j].mean()) for j, key in enumerate(keys) if known[:, j].any()
+    }
+    return Track(
+        keys=keys, **parts, chi=numbers(table["chi"]), distance_m=numbers(table["distance_m"]),
+        searched=tuple(np.flatnonzero(table["searched"]).tolist()), scene=scene.with_values(means),
+        warnings=(*said, *untracked_inputs(scene), *messages_of_frames(of_frames)),
+    )  # fmt: skip
+
+
+def _track_parts(
+    keys: tuple[str, ...], column: Callable[[str, str], Iterable[float | None]]
+) -> dict[str, Any]:
+    """The arrays (n, keys) of a Track, of a `column` (n,) for each key and part."""
+    return {
+        name: np.stack([numbers(column(key, part)) for key in keys], axis=1)
+        for part, name in TRACK_PARTS.items()
+    }
+
+
+def restored_track(found: Mapping[str, Any], scene: Scene, keys: tuple[str, ...]) -> Track:
+    """A Track from its JSON, and the `scene` with the means."""
+    parts = _track_parts(keys, lambda key, part: found[key][part])
+    return Track(
+        keys=keys, **parts, chi=numbers(found["chi"]), distance_m=numbers(found["distance_m"]),
+        searched=tuple(found["searched"]), scene=scene, warnings=read_warnings(found), already=True,
+    )  # fmt: skip

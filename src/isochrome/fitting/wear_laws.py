@@ -10,7 +10,9 @@ Laplace's approximation; what all laws share cancels.
 Source: MacKay (2003), Information Theory, Inference, and Learning Algorithms, chapters 27 and 28.
 """
 
-from collections.abc import Callable
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -22,6 +24,7 @@ from isochrome.fitting.arrays import Array
 from isochrome.fitting.frame.single_state import with_part
 from isochrome.fitting.frame.unknowns import FRICTION, WEAR
 from isochrome.fitting.joint.frame_sequence import Sequence, Unknown
+from isochrome.fitting.joint.joint_fit import JointFit
 from isochrome.messages import message
 from isochrome.scene import Scene
 
@@ -115,6 +118,8 @@ def compare_laws(
 
 
 def _laws(sequence: Sequence, values: Array) -> list[Law]:
+    """Laws of the friction alone; of several stretches also Archard's with a coefficient that is
+    linear in the distance until it stays."""
     ends = segment_ends(sequence)
     coefficients = values[_unknowns_of(sequence, WEAR)]
     mean = float(coefficients @ np.diff(ends, prepend=0.0) / ends[-1])
@@ -131,13 +136,8 @@ def _laws(sequence: Sequence, values: Array) -> list[Law]:
     laws = [plain("archard")]
     if sequence.scene.friction is not None:
         laws += [plain("sarkar"), plain("dissipated_energy")]
-    if len(ends) > 2:
-        laws.append(_running_in(ends, coefficients))
-    return laws
-
-
-def _running_in(ends: Array, coefficients: Array) -> Law:
-    """Archard's law with a coefficient that is linear in the distance until it stays."""
+    if len(ends) <= 2:
+        return laws
     # where it has ceased, it has no logarithm
     last = max(coefficients[-1], _LEAST * float(np.mean(coefficients)))
     start = np.log([last, 1.0, float(np.exp(np.mean(np.log(ends))))])
@@ -148,7 +148,7 @@ def _running_in(ends: Array, coefficients: Array) -> Law:
         return {"wear.law": "archard", WEAR: table}
 
     names = (WEAR, "first_over_last", "running_in_distance_m")
-    return Law("running_in", names, start, np.array([np.inf, 1.0, 1.0]), wear)
+    return [*laws, Law("running_in", names, start, np.array([np.inf, 1.0, 1.0]), wear)]
 
 
 def _unknowns_of(sequence: Sequence, key: str) -> list[int]:
@@ -292,6 +292,22 @@ class WearLaws:
     between: tuple[dict[str, float], ...]
     chi: float
 
+    @classmethod
+    def of(cls, free: JointFit) -> WearLaws:
+        """The wear laws, compared by what was worn between the frames of a fit without one."""
+        ends = segment_ends(free.sequence)
+        worn = [k for k, u in enumerate(free.unknowns) if u.key == WEAR]
+        names = ("from_m", "to_m", "value", "standard_uncertainty")
+        columns = [0.0, *ends[:-1]], ends, free.values[worn], free.standard_uncertainty[worn]
+        rows = np.array(columns).T.tolist()
+        between = tuple(dict(zip(names, row, strict=True)) for row in rows)
+        assert free.information is not None
+        cost, freedom = free.cost, free.freedom
+        laws = compare_laws(
+            free.sequence, free.values, free.information, cost=cost, freedom=freedom
+        )
+        return cls(laws, between, free.chi)
+
     @property
     def close(self) -> tuple[LawFit, ...]:
         """The preferred law, and those that the frames do not tell from it."""
@@ -333,24 +349,32 @@ class WearLaws:
     def to_json(self) -> list[dict[str, Any]]:
         """A dictionary for each law, its parameters among its keys."""
         return [
-            {
-                "law": law.law,
-                "chi": law.chi,
-                "log_evidence": law.log_evidence,
-                "misfit": law.misfit,
-                "degrees_of_freedom": law.freedom,
-                "between": list(law.between),
-                **{k.removeprefix("wear."): value for k, value in law.parameters.items()},
-            }
+            {name: getattr(law, field) for name, field in _IN_JSON.items()}
+            | {key.removeprefix("wear."): value for key, value in law.parameters.items()}
             for law in self.laws
         ]
 
     def table(self) -> dict[str, list[Any]]:
         """The columns of wear_laws.csv."""
-        rows = self.to_json()
         names = ("law", "log_evidence", "chi", "misfit", "degrees_of_freedom")
-        wear = [law.parameters[WEAR] for law in self.laws]
-        return {name: [row[name] for row in rows] for name in names} | {
-            "coefficient_mm2_per_n": [item["value"] for item in wear],
-            "standard_uncertainty": [item["standard_uncertainty"] for item in wear],
-        }
+        columns = {name: [getattr(law, _IN_JSON[name]) for law in self.laws] for name in names}
+        for name, part in ((_SHORT, "value"), ("standard_uncertainty",) * 2):
+            columns[name] = [law.parameters[WEAR][part] for law in self.laws]
+        return columns
+
+
+_SHORT = WEAR.removeprefix("wear.")
+_IN_JSON = {name: name for name in ("law", "chi", "log_evidence", "misfit")}
+_IN_JSON |= {"degrees_of_freedom": "freedom", "between": "between"}
+"""Names in JSON of what is known of a law, and the attributes that hold it."""
+
+
+def restored_laws(found: Mapping[str, Any]) -> WearLaws:
+    """The wear laws from a fit's JSON."""
+    laws = []
+    for row in found["wear_laws"]:
+        parameters = {n: values for n, values in row.items() if n not in _IN_JSON}
+        parts = {field: row[name] for name, field in _IN_JSON.items()}
+        parts |= {"parameters": {WEAR: parameters.pop(_SHORT), **parameters}}
+        laws.append(LawFit(**parts | {"between": tuple(row["between"])}))
+    return WearLaws(tuple(laws), tuple(found["wear_between_frames"]), found["wear_chi"])

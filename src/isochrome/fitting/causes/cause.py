@@ -29,20 +29,26 @@ class Cause:
 
     `sizes`, the standard deviations that usual benches have, in the keys' units; of a modulus, the
     fringe value and the pixel a share of it. `free`, False where the frame cannot tell it from what
-    it is told: then it is a suspect, and stays as it is. `values`, those of the scene where it
-    states the keys itself, with the sizes as their uncertainties.
+    it is told: then it is a suspect, and stays as it is. `even`, whether it enters by its square.
+    `values`, those of the scene where it states the keys itself, with the sizes as uncertainties.
     """
 
     name: str
     keys: tuple[str, ...]
     sizes: tuple[float, ...]
     free: bool = True
+    even: bool = False
     values: tuple[float, ...] = ()
 
     @property
     def stated(self) -> bool:
         """Whether the scene states it."""
         return bool(self.values)
+
+    @property
+    def positive(self) -> bool:
+        """Whether its amplitude cannot be negative."""
+        return self.even or (self.keys[0] == LAYER and not self.stated)
 
     @property
     def starts(self) -> tuple[float, ...]:
@@ -52,16 +58,6 @@ class Cause:
         if self.even:
             return self.sizes
         return self.values or tuple(_STARTS.get(key, 0.0) for key in self.keys)
-
-    @property
-    def even(self) -> bool:
-        """Whether it enters by its square."""
-        return self.keys[0] in EVEN and not self.stated
-
-    @property
-    def positive(self) -> bool:
-        """Whether its amplitude cannot be negative."""
-        return self.even or (self.keys[0] in POSITIVE and not self.stated)
 
 
 TINY = 1e-9
@@ -76,9 +72,9 @@ DISTORTION = Cause("the lens's distortion", (_DISTORTION,), (0.01,))
 SIDE = Cause("a camera that looks from the side", (_SIDE,), (0.005,))
 ABOVE = Cause("a camera that looks from above or below", (_ABOVE,), (0.005,))
 TONE = Cause("the camera's tone curve", (GAMMA,), (0.1,))
-BLURRED = Cause("blur", (BLUR,), (0.7,))
-TURNED = Cause("quarter-wave plates that are turned", PLATES, (3.0, 3.0))
-WIDE = Cause("the light's band of wavelengths", (BAND,), (10.0,))
+BLURRED = Cause("blur", (BLUR,), (0.7,), even=True)
+TURNED = Cause("quarter-wave plates that are turned", PLATES, (3.0, 3.0), even=True)
+WIDE = Cause("the light's band of wavelengths", (BAND,), (10.0,), even=True)
 SMOOTH = Cause("a smooth stress besides the contact's", SMOOTH_KEYS, (0.2, 0.05, 0.05))
 PAST = Cause("another friction before", (EARLIER,), (0.1,))
 # polymers creep and warm, and data sheets differ by as much
@@ -100,14 +96,9 @@ CAUSES = (
 OF_PRESSURE = frozenset((MODULUS.name, SOFT.name))
 """Causes that make a contact's pressure wider or narrower, as tractions of its own do."""
 
+
 OF_SIZE = (YOUNG, PIXEL, FRINGE_VALUE)
 """Keys whose causes have a share of the value as their size."""
-
-POSITIVE = (LAYER,)
-"""Keys of causes whose values cannot be negative, and that have a slope at nought."""
-
-EVEN = (BLUR, *PLATES, BAND)
-"""Keys of causes that enter by their square."""
 
 
 def candidates(

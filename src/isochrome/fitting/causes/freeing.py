@@ -25,7 +25,6 @@ from isochrome.estimation import (
     weigh,
 )
 from isochrome.fitting.arrays import Array, Mask
-from isochrome.fitting.causes.blocks import COSINES
 from isochrome.fitting.causes.cause import OF_PRESSURE, SMOOTH, Cause
 from isochrome.fitting.causes.score import (
     LEAST_EVEN,
@@ -34,10 +33,9 @@ from isochrome.fitting.causes.score import (
     TRACTIONS,
     WAVES,
     Asked,
-    FittedNuisances,
     ask,
-    fitted_waves,
     middle_of,
+    names_of,
     sizes_of,
     wave_root,
 )
@@ -53,6 +51,8 @@ S = TypeVar("S", bound=Askable)
 
 ADDED = "load.added_tractions"
 
+Members = tuple[int, ...]
+"""A set of hypotheses by their numbers."""
 _Seen = tuple[frozenset[str], int, bool]
 """A set by its names, how much is left out, and whether it was held against others near the end."""
 
@@ -71,25 +71,11 @@ _KEPT = 0.25
 
 @dataclass(frozen=True, kw_only=True)
 class Freed(Generic[S]):
-    """A fit with what its frames showed.
+    """A fit with what its frames showed: `now`, and as `stated` by the scene.
 
-    Parameters
-    ----------
-    now : Askable
-        The fit, with the light and the pixels that were taken.
-    stated : Askable
-        The fit as the scene states it.
-    causes : tuple of Cause, optional
-        Those that were freed.
-    tractions : bool, default False
-        Whether tractions that are not the model's were fitted.
-    odd : ndarray of bool, (rows/3, cols/3), optional
-        Blocks of the picture that were left out.
-    asked : Asked, optional
-        What the frames show besides, weighed about the fit.
-    slip : Slip, optional
-        The slip in the scene that explains the frame where the scene does not. The fit's light is
-        none then: `positive` is False.
+    `causes` that were freed; whether `tractions` that are not the model's were fitted; `odd`
+    (rows/3, cols/3), blocks of the picture that were left out; what was `asked` about the fit. Or
+    the `slip` in the scene that explains the frame: then the fit's light is none.
     """
 
     now: S
@@ -123,7 +109,7 @@ class Freed(Generic[S]):
     @property
     def is_plain(self) -> bool:
         """Whether nothing was freed, and nothing left out."""
-        return not self.fitted.names and self.odd is None
+        return not self.names and self.odd is None
 
     @property
     def chances(self) -> dict[str, float]:
@@ -131,20 +117,24 @@ class Freed(Generic[S]):
         return self.asked.chances if self.asked else {}
 
     @property
-    def fitted(self) -> FittedNuisances:
-        """What is fitted besides the unknowns."""
-        return FittedNuisances(
-            self.causes, self.tractions, self.light, fitted_waves(self.now.waves)
-        )
+    def unknown(self) -> tuple[str, ...]:
+        """What is fitted that no cause explains, of the names of `WAVES`."""
+        waves = self.now.waves
+        return () if waves is None else tuple(n for n, part in WAVES.items() if waves[part].any())
+
+    @property
+    def names(self) -> frozenset[str]:
+        """All that is fitted besides the unknowns."""
+        return names_of(self.causes, self.tractions, self.light, self.unknown)
 
     @property
     def moves(self) -> bool:
         """Whether tractions, or what is unknown, are fitted, which stay as other values move."""
-        return self.tractions or bool(self.fitted.unknown)
+        return self.tractions or bool(self.unknown)
 
     def weighed(self) -> Freed[S]:
         """The same with all that may be there weighed about it."""
-        return replace(self, asked=ask(self.now, self.fitted, self.stated))
+        return replace(self, asked=ask(self.now, self.causes, self.names, self.stated))
 
     def undone(self) -> Freed[S]:
         """The fit as the scene states it, less sure by all that its frames show."""
@@ -179,14 +169,14 @@ class _Plan:
     waves: Array | None = None
     starts: dict[str, float] = field(default_factory=dict)
     log_odds: float = 0.0
-    members: tuple[int, ...] = ()
+    members: Members = ()
     trial: Trial | None = None
 
     @property
     def names(self) -> frozenset[str]:
         """All that is fitted, by name."""
-        uneven = self.uneven is not None
-        return FittedNuisances(self.causes, self.root is not None, uneven, self.unknown).names
+        lit = self.uneven is not None
+        return names_of(self.causes, self.root is not None, lit, self.unknown)
 
     @property
     def excess(self) -> float:
@@ -196,11 +186,6 @@ class _Plan:
     def log_evidence(self, noise: float) -> float:
         """ln E by its trial, at a variance of the noise."""
         return self.trial.evidence(noise) + self.log_odds if self.trial else -np.inf
-
-    @property
-    def every(self) -> frozenset[str]:
-        """All of it by name."""
-        return self.names | {cause.name for cause in self.suspects}
 
 
 def free_causes(solution: S) -> Freed[S]:
@@ -213,16 +198,16 @@ def free_causes(solution: S) -> Freed[S]:
     if not solution.is_bright:
         return freed
     freed, search = freed.weighed(), _Search()
-    beside = freed.fitted.names  # the set beside which blocks were left out
+    beside = freed.names  # the set beside which blocks were left out
     for _ in range(_MOST_TRIALS):
         moved = _moved(freed, search)
         if isinstance(moved, Asked):
             freed = replace(freed, asked=moved)
             break
-        if moved.odd is not freed.odd and moved.fitted.names == freed.fitted.names:
-            beside = moved.fitted.names
+        if moved.odd is not freed.odd and moved.names == freed.names:
+            beside = moved.names
         freed = moved.weighed()
-    if freed.odd is not None and freed.fitted.names != beside:
+    if freed.odd is not None and freed.names != beside:
         freed = _with_all_pixels(freed)
     # a frame that nothing explains has no causes, only another scene
     return freed.undone() if freed.now.chi > POOR_CHI and not freed.is_plain else freed
@@ -239,25 +224,28 @@ def _moved(freed: Freed[S], search: _Search) -> Freed[S] | Asked:
     asked, seen = freed.asked, search.seen
     assert asked is not None
     near = freed.now.chi < GOOD_CHI
-    nearer = _nearer(freed, asked) if near else None
-    if nearer is not None:
+    if near and (nearer := _nearer(freed, asked)):
         return nearer
     if freed.tractions and not near and (without := _left_out(freed, asked.outside)):
         return without
     if SHADOW in asked.best and (without := _left_out(freed, asked.beside)):
         return without
     left = 0 if freed.odd is None else int(freed.odd.sum())
-    here = freed.fitted.names, left, near
+    here = freed.names, left, near
     before = here in seen
     seen.add(here)
     best = _of_members(asked, asked.sets.members[0])
-    if (fewer := _with_fewer(freed, best, seen, left)) is not None:
-        return fewer
+    there = best.names, left, False
+    if freed.moves and there not in seen and best.names < freed.names:
+        # blocks, by which trials go, are too wide to tell what little more there is
+        seen.add(there)
+        if (fewer := _with(freed, best)) is not None:
+            return fewer
     asked, plans = _plans(freed, asked, best, search, before=before)
     for plan in plans:
-        again = plan.names == freed.fitted.names
+        again = plan.names == freed.names
         there = plan.names, left, False
-        if there in seen and not plan.names < freed.fitted.names and not again:
+        if there in seen and not plan.names < freed.names and not again:
             continue
         seen.add(there)
         wider = _with(freed, plan)
@@ -266,20 +254,7 @@ def _moved(freed: Freed[S], search: _Search) -> Freed[S] | Asked:
     odd, beside = asked.outside, asked.beside
     if odd is not None and beside is not None and _is_shadow(odd, beside):
         odd = odd | beside  # its faint rows are not seen as such
-    without = _left_out(freed, odd)
-    if without is None and not near:
-        without = _nearer(freed, asked)
-    return asked if without is None else without
-
-
-def _with_fewer(freed: Freed[S], best: _Plan, seen: set[_Seen], left: int) -> Freed[S] | None:
-    """The fit with the likeliest set where that is a part of it, and explains as much: blocks, by
-    which trials go, are too wide to tell what little more there is."""
-    there = best.names, left, False
-    if not freed.moves or there in seen or not best.names < freed.fitted.names:
-        return None
-    seen.add(there)
-    return _with(freed, best)
+    return _left_out(freed, odd) or (None if near else _nearer(freed, asked)) or asked
 
 
 def _nearer(freed: Freed[S], asked: Asked) -> Freed[S] | None:
@@ -290,7 +265,7 @@ def _nearer(freed: Freed[S], asked: Asked) -> Freed[S] | None:
     """
     if not freed.moves:
         return None
-    own = _best_ways(asked, freed.fitted.names)
+    own = _best_ways(asked, freed.names)
     fall = asked.evidence.fall(own, asked.now)
     # the mean over what is as likely as its noise makes it
     spread = sum(asked.evidence.hypotheses[k].root.shape[1] for k in own)
@@ -355,25 +330,29 @@ def _plans(
     would be without another thing, and what has no form follows first slopes farther than causes
     do: then sets are told apart by their trials.
     """
-    same, near = best.names == freed.fitted.names, freed.now.chi < GOOD_CHI
-    unknown = {*best.unknown} - {*freed.fitted.unknown}
+    same, near = best.names == freed.names, freed.now.chi < GOOD_CHI
+    unknown = {*best.unknown} - {*freed.unknown}
     if near and not (freed.moves or unknown):
         return asked, [] if same or best.suspects else [best]
-    own = best if same else _of_members(asked, _best_ways(asked, freed.fitted.names))
+    own = best if same else _of_members(asked, _best_ways(asked, freed.names))
     if same and before:
-        tried = [] if near or not freed.tractions else _tried(freed, asked, search, [own])
+        tried = [] if near or not freed.tractions else _tried(freed, asked, search, [own.members])
     elif near:
-        less = [plan for plan in _with_less(asked, own) if plan.root is not None]
-        less.sort(key=lambda plan: -asked.evidence.of(plan.members))
-        fewer = [*less[:1], *_without_form(asked, own)]
-        sets = [best, own, *fewer, *(_named(asked) if unknown else [])]
+        press = {*asked.ways(TRACTIONS)}
+        less = [members for members in _with_less(own.members) if press & {*members}]
+        less.sort(key=lambda members: -asked.evidence.of(members))
+        # what can take any form may have made up for a cause that was missing
+        free = press.union(*map(asked.ways, WAVES))
+        alone = tuple(k for k in own.members if k not in free)
+        fewer = [*less[:1], *([alone] if 0 < len(alone) < len(own.members) else [])]
+        sets = [best.members, own.members, *fewer, *(_named(asked) if unknown else [])]
         tried = _tried(freed, asked, search, sets) if fewer or not same else []
     else:
         tried = _tried_from_afar(freed, asked, search, own)
     logs = {plan.members: log for plan, log in tried}
     asked = replace(asked, judged=asked.sets.judged(logs)) if logs else asked
     plans = [plan for plan, _ in tried]
-    if plans and plans[0].names == freed.fitted.names and plans[0].excess < FAR:
+    if plans and plans[0].names == freed.names and plans[0].excess < FAR:
         return asked, []  # what is left lies where blocks do not see it
     usual = [plan.trial.usual_chi for plan in plans if plan.trial]
     if usual and min(freed.now.chi, *usual) > POOR_CHI:
@@ -382,7 +361,7 @@ def _plans(
         plans = []
     # beside what cannot be fitted nothing else is: it would take that for its own
     plans = plans[: next((k for k, p in enumerate(plans) if p.suspects), None)]
-    last = next((k for k, p in enumerate(plans) if p.names == freed.fitted.names), len(plans))
+    last = next((k for k, p in enumerate(plans) if p.names == freed.names), len(plans))
     return asked, plans[: last + freed.moves]  # what is fitted, with tractions that are nearer
 
 
@@ -395,77 +374,68 @@ def _tried_from_afar(
     What is far off looks like two things, and one thing more may be another one. What tractions
     hide is told where these are at rest.
     """
-    first, *likely = (_of_members(asked, members) for members in asked.sets.members[:_LIKELY])
+    first, *likely = asked.sets.members[:_LIKELY]
     pressed = [] if asked.modes is None or freed.tractions else _any_pressure(asked, first)
-    sets = [first, *_named(asked), *pressed, *_with_less(asked, first)]
+    sets = [first, *_named(asked), *pressed, *_with_less(first)]
     tried = _tried(freed, asked, search, sets)
     best = tried[0][0] if tried else own
     if best.root is not None:
         return tried
     if best.excess < FAR:
-        return _tried(freed, asked, search, [*likely, *_with_less(asked, best)], tried)
-    more = [*likely, own, *_with_one_more(asked, own)]
+        return _tried(freed, asked, search, [*likely, *_with_less(best.members)], tried)
+    more = [*likely, own.members, *_with_one_more(asked, own.members)]
     return _tried(freed, asked, search, more, tried)
 
 
-def _named(asked: Asked) -> list[_Plan]:
+def _named(asked: Asked) -> list[Members]:
     """The likeliest sets of causes alone: what can take any form explains much to first order, and
     hides what a named cause would explain beyond that.
     """
-    plain = weigh(asked.evidence, without=(TRACTIONS, *WAVES)).members[:_PLAIN]
-    return [_of_members(asked, members) for members in plain]
+    return list(weigh(asked.evidence, without=(TRACTIONS, *WAVES)).members[:_PLAIN])
 
 
-def _without_form(asked: Asked, own: _Plan) -> list[_Plan]:
-    """A set's causes alone, where there are some besides what can take any form: that may have
-    made up for one that was missing.
-    """
-    names = asked.evidence.hypotheses
-    members = tuple(k for k in own.members if names[k].name not in (TRACTIONS, *WAVES))
-    return [_of_members(asked, members)] if 0 < len(members) < len(own.members) else []
-
-
-def _any_pressure(asked: Asked, first: _Plan) -> list[_Plan]:
+def _any_pressure(asked: Asked, first: Members) -> list[Members]:
     """Tractions as large as they may be with a smooth stress, near what most contacts have; and a
     set with a modulus or a layer in place of tractions.
     """
-    numbers: dict[str, list[int]] = {}
-    for k, hypothesis in enumerate(asked.evidence.hypotheses):
-        numbers.setdefault(hypothesis.name, []).append(k)
-    wider = [numbers[name][0] for name in sorted(OF_PRESSURE & numbers.keys())]
-    others = [k for k in first.members if k not in (*numbers[TRACTIONS], *wider)]
-    large = (*numbers.get(SMOOTH.name, ()), numbers[TRACTIONS][-2])
-    return [_of_members(asked, members) for members in (large, *((*others, k) for k in wider))]
+    press = asked.ways(TRACTIONS)
+    wider = [k for name in sorted(OF_PRESSURE) for k in asked.ways(name)[:1]]
+    others = [k for k in first if k not in (*press, *wider)]
+    return [(*asked.ways(SMOOTH.name), press[-2]), *((*others, k) for k in wider)]
 
 
-def _with_less(asked: Asked, plan: _Plan) -> list[_Plan]:
+def _with_less(members: Members) -> list[Members]:
     """A set without each one thing of it."""
-    fewer = (tuple(k for k in plan.members if k != gone) for gone in plan.members)
-    return [_of_members(asked, members) for members in fewer]
+    return [tuple(k for k in members if k != gone) for gone in members]
 
 
 def _tried(
     freed: Freed[S],
     asked: Asked,
     search: _Search,
-    sets: list[_Plan],
+    sets: list[Members],
     tried: Sequence[tuple[_Plan, float]] = (),
 ) -> list[tuple[_Plan, float]]:
     """Some sets with their trials and ln E of these, the likeliest first, with others `tried`.
 
     From afar tractions are not looked at where something without them explains the frames.
     """
-    known, plans = _expected(freed, asked), [plan for plan, _ in tried]
-    for plan in sets:
+    plans, stated = [plan for plan, _ in tried], freed.stated.scene
+    keys = {
+        key: (start if cause.stated else middle_of(stated, key), size)
+        for cause in asked.causes
+        for key, start, size in zip(cause.keys, cause.starts, sizes_of(cause, stated), strict=True)
+    }
+    for plan in (_of_members(asked, members) for members in sets):
         plain = [p for p in plans if p.root is None]
         explained = freed.now.chi >= GOOD_CHI and any(p.excess < FAR for p in plain)
-        seen = any(plan.every == p.every for p in plans)
+        seen = any((plan.names, plan.suspects) == (p.names, p.suspects) for p in plans)
         spent = min(_TRIED - len(plans), search.trials) <= 0
         if seen or spent or (explained and plan.root is not None):
             continue
         search.trials -= 1
         every = replace(plan, causes=plan.causes + plan.suspects, values=None, waves=None)
-        expected = replace(known, root=plan.root, order=plan.order, modes=asked.modes)
+        expected = Expected(keys=keys, root=plan.root, order=plan.order, modes=asked.modes)
         trial = freed.now.trial(_change(freed, every), expected)
         if trial is not None:
             plans.append(replace(plan, trial=trial, values=trial.tractions, waves=trial.waves))
@@ -473,24 +443,23 @@ def _tried(
     return sorted(((p, p.log_evidence(noise)) for p in plans), key=lambda pair: -pair[1])
 
 
-def _of_members(asked: Asked, members: tuple[int, ...]) -> _Plan:
+def _of_members(asked: Asked, members: Members) -> _Plan:
     """A set of hypotheses as it can be fitted."""
     evidence = asked.evidence
     chosen = {h.name: h for h in (evidence.hypotheses[k] for k in members)}
     press = chosen.get(TRACTIONS)
     named = tuple(cause for cause in asked.causes if cause.name in chosen)
-    causes = tuple(cause for cause in named if cause.free)
     values = evidence.values(members)
     starts: dict[str, float] = {}
-    for cause in causes:
+    for cause in named:
         if cause.even:
             starts |= _even_starts(cause, values[chosen[cause.name].columns])
     return _Plan(
-        causes=causes,
+        causes=tuple(cause for cause in named if cause.free),
         suspects=tuple(cause for cause in named if not cause.free),
         starts=starts,
         root=press.root if press else None,
-        uneven=_uneven(asked, chosen),
+        uneven=_uneven(asked, members),
         values=values[press.columns] if press else None,
         members=members,
         log_odds=sum(hypothesis.log_odds for hypothesis in chosen.values()),
@@ -498,25 +467,23 @@ def _of_members(asked: Asked, members: tuple[int, ...]) -> _Plan:
     )
 
 
+def _uneven(asked: Asked, members: Members) -> Unevenness | None:
+    """How uneven the light of a set is."""
+    for k, light in zip(asked.ways(LIGHT), asked.lights, strict=True):
+        if k in members:
+            return light._replace(degrees=RICHEST)
+    return None
+
+
 def _unknown(chosen: dict[str, Hypothesis], values: Array) -> dict[str, Any]:
     """What no cause explains of a set: its names, its prior's root, and its waves."""
     names = tuple(name for name in WAVES if name in chosen)
     if not names:
         return {}
-    waves = np.zeros((3, COSINES**2))
-    for name in names:
-        waves[WAVES[name]] = values[chosen[name].columns].reshape(-1, COSINES**2)
     roots = [wave_root(name, chosen[name].root) for name in names]
-    return {"unknown": names, "order": np.concatenate(roots, axis=1), "waves": waves}
-
-
-def _uneven(asked: Asked, chosen: dict[str, Hypothesis]) -> Unevenness | None:
-    """How uneven the light of a set is."""
-    ways = [h for h in asked.evidence.hypotheses if h.name == LIGHT]
-    for way, light in zip(ways, asked.lights, strict=True):
-        if way is chosen.get(LIGHT):
-            return light._replace(degrees=RICHEST)
-    return None
+    waves = [wave_root(name, values[chosen[name].columns][:, None]) for name in names]
+    together = np.sum(waves, axis=0).reshape(3, -1)
+    return {"unknown": names, "order": np.concatenate(roots, axis=1), "waves": together}
 
 
 def _even_starts(cause: Cause, values: Array) -> dict[str, float]:
@@ -529,40 +496,26 @@ def _even_starts(cause: Cause, values: Array) -> dict[str, float]:
     return starts
 
 
-def _with_one_more(asked: Asked, own: _Plan) -> list[_Plan]:
+def _with_one_more(asked: Asked, own: Members) -> list[Members]:
     """Sets with one thing more than what is fitted, the likeliest first."""
-    evidence = asked.evidence
-    there = {evidence.hypotheses[k].name for k in own.members}
-    larger: dict[str, tuple[float, tuple[int, ...]]] = {}
-    for k, hypothesis in enumerate(evidence.hypotheses):
-        log = evidence.of((*own.members, k)) if hypothesis.name not in there else -np.inf
-        if log > larger.get(hypothesis.name, (-np.inf, ()))[0]:
-            larger[hypothesis.name] = log, (*own.members, k)
-    likely = sorted(larger.values(), key=lambda pair: -pair[0])
-    return [_of_members(asked, members) for _, members in likely]
+    names = [hypothesis.name for hypothesis in asked.evidence.hypotheses]
+    there = {names[k] for k in own}
+    larger = [_likeliest(asked, name, own) for name in dict.fromkeys(names) if name not in there]
+    return sorted(larger, key=lambda members: -asked.evidence.of(members))
 
 
-def _best_ways(asked: Asked, names: frozenset[str]) -> tuple[int, ...]:
+def _best_ways(asked: Asked, names: frozenset[str]) -> Members:
     """The likeliest way of each of some things, one after the other."""
-    evidence = asked.evidence
-    chosen: tuple[int, ...] = ()
+    chosen: Members = ()
     for name in sorted(names):
-        ways = [k for k, h in enumerate(evidence.hypotheses) if h.name == name]
-        if ways:
-            best = max(ways, key=lambda k: evidence.of((*chosen, k)))
-            chosen = (*chosen, best)
+        if asked.ways(name):
+            chosen = _likeliest(asked, name, chosen)
     return chosen
 
 
-def _expected(freed: Freed[S], asked: Asked) -> Expected:
-    """What is known beforehand of all that may be fitted."""
-    stated = freed.stated.scene
-    keys = {
-        key: (start if cause.stated else middle_of(stated, key), size)
-        for cause in asked.causes
-        for key, start, size in zip(cause.keys, cause.starts, sizes_of(cause, stated), strict=True)
-    }
-    return Expected(keys=keys)
+def _likeliest(asked: Asked, name: str, beside: Members) -> Members:
+    """A set with the likeliest way of a thing more."""
+    return max(((*beside, k) for k in asked.ways(name)), key=asked.evidence.of)
 
 
 def _change(freed: Freed[S], plan: _Plan) -> Change:
@@ -591,13 +544,13 @@ def _change(freed: Freed[S], plan: _Plan) -> Change:
         begun=begun,
         uneven=plan.uneven,
         waves=np.zeros((3, 1)) if plan.waves is None else plan.waves,
-        far=plan.trial is None and plan.names != freed.fitted.names,
+        far=plan.trial is None and plan.names != freed.names,
     )
 
 
 def _with(freed: Freed[S], plan: _Plan) -> Freed[S] | None:
     """The fit with a set, None where it is not sound, or no better with more unknowns."""
-    fewer, same = not (plan.names - freed.fitted.names), plan.names == freed.fitted.names
+    fewer, same = not (plan.names - freed.names), plan.names == freed.names
     most = freed.now.chi * (_SAME_CHI if fewer else 1.0)
     try:
         now, odd = _again(freed, _change(freed, plan), freed.odd, same=same, most=most)
@@ -642,36 +595,11 @@ def fit_with_causes(
     stated: StatedInputs | None = None,
     past: bool = False,
 ) -> Freed[FrameSolution]:
-    """Fit a frame, and free what it asks for besides its unknowns.
+    """Fit a frame, and free what it asks for besides its `keys`, by default `free_keys`.
 
-    Parameters
-    ----------
-    data : FrameData
-        The frame.
-    scene : Scene
-        One state (see `frame_scene`), where the fit starts.
-    keys : tuple of str, (p,), optional
-        The unknowns, by default `free_keys`.
-    cold : bool, default True
-        False to search only where the scene's own values lead to no light at all.
-    slips : bool, default True
-        Whether a slip in the scene is looked for where the scene explains nothing.
-    stated : StatedInputs, optional
-        What is known beforehand, by default what the scene states.
-    past : bool, default False
-        Whether another friction before, which the block's scar remembers, may be freed.
-
-    Returns
-    -------
-    Freed
-        The fit with what was freed, the light and the pixels that it took, and the fit as stated.
-
-    Raises
-    ------
-    InputError
-        For a key that cannot be free.
-    PhysicsError
-        Where no values give fringes of the right contrast.
+    As `fit_frame`, whose errors it raises; `slips`, whether a slip in the scene is looked for where
+    the scene explains nothing; `past`, whether another friction before, which the block's scar
+    remembers, may be freed.
     """
     try:
         fitted = fit_with_model(data, scene, keys, cold=cold, stated=stated)

@@ -36,20 +36,10 @@ said for what it changes alone."""
 
 
 def cause_messages(freed: Freed[Any], *, light: bool = True) -> tuple[str, ...]:
-    """Say what was freed in one frame, or in several together, and what is suspected and cannot be.
+    """What was freed in one frame, or in several together, and what is suspected and cannot be.
 
-    Parameters
-    ----------
-    freed : Freed
-        A fit with what its frames asked for.
-    light : bool, default True
-        Whether richer light is said where it was taken.
-
-    Returns
-    -------
-    tuple of str
-        A sentence for the causes, for richer light, for what was left out, and for suspects; one
-        alone for a slip in the scene.
+    A sentence for the causes, for richer `light` where it is to be told, for what was left out, and
+    for suspects; one alone for a slip in the scene.
     """
     if freed.slip is not None:
         return (freed.slip.sentence(),)
@@ -57,7 +47,7 @@ def cause_messages(freed: Freed[Any], *, light: bool = True) -> tuple[str, ...]:
     messages = [_freed_sentence(freed, own, rival_causes(freed))] if own else []
     if freed.tractions:
         messages.append(_traction_sentence(freed))
-    if freed.fitted.unknown:
+    if freed.unknown:
         messages.append(_unknown_sentence(freed))
     messages += [text for text in map(partial(_contradicted, freed), freed.causes) if text]
     if freed.light and light:
@@ -73,18 +63,9 @@ def cause_messages(freed: Freed[Any], *, light: bool = True) -> tuple[str, ...]:
 
 
 def rival_causes(freed: Freed[Any]) -> dict[str, tuple[str, ...]]:
-    """Tell what a frame cannot tell from the causes that were freed.
+    """What may be there instead of the causes that were freed, by the name of the freed one.
 
-    Parameters
-    ----------
-    freed : Freed
-        A fit with what its frames showed.
-
-    Returns
-    -------
-    dict of str to tuple of str
-        Names of what may be there instead, by the name of the freed cause; nothing for one that is
-        there with a chance of 0.9.
+    Nothing for one that is there with a chance of 0.9.
     """
     if freed.slip is not None or freed.asked is None:
         return {}
@@ -99,7 +80,7 @@ def rival_causes(freed: Freed[Any]) -> dict[str, tuple[str, ...]]:
         instead: dict[str, float] = {}
         for index, weight in enumerate(sets.weights.tolist()):
             names = {hypothesis.name for hypothesis in sets.named(index)}
-            for name in () if cause.name in names else names - freed.fitted.names:
+            for name in () if cause.name in names else names - freed.names:
                 instead[name] = instead.get(name, 0.0) + weight
         likely = [name for name, weight in instead.items() if weight > SUSPECTED * left]
         if likely:
@@ -108,19 +89,10 @@ def rival_causes(freed: Freed[Any]) -> dict[str, tuple[str, ...]]:
 
 
 def light_matters(freed: Freed[Any]) -> bool:
-    """Tell whether richer light changes a value of a frame, or its uncertainty, noticeably.
+    """Whether richer light changes a value of a frame, or its uncertainty, noticeably.
 
-    Parameters
-    ----------
-    freed : Freed
-        One frame's fit with what it asked for.
-
-    Returns
-    -------
-    bool
-        Whether a value moves by half a per cent and more than four of its uncertainties, or its
-        uncertainty is half a per cent of it and grows by half. Places are judged by the pixel, and
-        a friction by a tenth at least.
+    A value moves by half a per cent and more than four of its uncertainties, or its uncertainty is
+    half a per cent of it and grows by half: of places by the pixel, of a friction by a tenth.
     """
     before, now = freed.stated.fit, freed.fit
     pixel = now.scene.camera.pixel_mm if now.scene.camera else None
@@ -138,24 +110,11 @@ def light_matters(freed: Freed[Any]) -> bool:
 
 
 def opposite_shear(given: Scene, key: str, value: float, spread: float) -> str | None:
-    """What to say where a frame shows the shear that its scene states, the other way.
+    """What to say where a frame shows the shear that its `given` scene states, the other way.
 
-    A picture mirrored left to right is that of a cylinder which slides the other way: no frame
-    tells one from the other.
-
-    Parameters
-    ----------
-    given : Scene
-        The scene of the frame as it was given.
-    key : str
-        An unknown.
-    value, spread : float
-        What was found of it, and its standard uncertainty.
-
-    Returns
-    -------
-    str or None
-        A sentence; None where the shear points as stated, is not stated, or is not seen.
+    By the `value` that was found of a key. A picture mirrored left to right is that of a cylinder
+    which slides the other way: no frame tells one from the other. None where the shear points as
+    stated, is not stated, or is not seen.
     """
     stated = given.get(key) if key in (FRICTION, TANGENTIAL) else None
     if not stated or stated * value >= 0.0 or not abs(value) > _FAR * spread:
@@ -188,7 +147,7 @@ def _contradicted(freed: Freed[Any], cause: Cause) -> str:
     far = [
         f"{_told(freed, key)}, stated as {with_uncertainty(value, spread)}"
         for key, value, spread in rows
-        if not agree(_pair(freed, key), (value, spread))
+        if not agree(_estimates(freed, key)[0], (value, spread))
     ]
     return message(
         "what_stated_value_more",
@@ -216,24 +175,21 @@ def _freed_sentence(
 
 
 def _told(freed: Freed[Any], key: str) -> str:
-    """A key with its value and the uncertainty that the results have, which is not the fit's alone:
+    """A key with its value; of several frames' own the least and the most."""
+    values = sorted(_estimates(freed, key))
+    ends = dict.fromkeys((values[0], values[-1]))
+    return f"{key} = " + " to ".join(with_uncertainty(*pair) for pair in ends)
+
+
+def _estimates(freed: Freed[Any], key: str) -> list[tuple[float, float]]:
+    """Each value of a key with the uncertainty that the results have, which is not the fit's alone:
     causes that the frame neither asks for nor excludes are counted.
     """
-    if not isinstance(freed.fit, FrameFit):  # of several frames, or of the only one of a film
-        values = sorted(freed.now.values_of_key(key))  # the least and the most of several frames
-        ends = dict.fromkeys((values[0], values[-1]))
-        return f"{key} = " + " to ".join(with_uncertainty(*pair) for pair in ends)
-    return f"{key} = {with_uncertainty(*_pair(freed, key))}"
-
-
-def _pair(freed: Freed[Any], key: str) -> tuple[float, float]:
-    """Value and standard uncertainty of a key; the first of several frames' own."""
-    fit, now = freed.fit, freed.now
-    if not isinstance(fit, FrameFit):
-        first: tuple[float, float] = now.values_of_key(key)[0]
-        return first
+    fit = freed.fit
+    if not isinstance(fit, FrameFit):  # of several frames, or of the only one of a film
+        return list(freed.now.values_of_key(key))
     place = fit.keys.index(key)
-    return float(fit.values[place]), float(fit.standard_uncertainty[place])
+    return [(float(fit.values[place]), float(fit.standard_uncertainty[place]))]
 
 
 def _shift(freed: Freed[Any]) -> str:
@@ -279,12 +235,12 @@ def _suspicions(freed: Freed[Any]) -> list[str]:
     names = [
         name
         for name, chance in sorted(asked.chances.items(), key=lambda pair: -pair[1])
-        if chance > SUSPECTED and name not in freed.fitted.names
+        if chance > SUSPECTED and name not in freed.names
     ]
     scales = [c for c in asked.causes if c.name in names and not c.free]
     if scales:
         messages.append(_scale_sentence(freed, scales))
-    if WAVES.keys() & names and not freed.fitted.unknown:
+    if WAVES.keys() & names and not freed.unknown:
         messages.append(_unknown_sentence(freed))
     told = {*WAVES, *(cause.name for cause in scales)}
     rivals = {name for group in rival_causes(freed).values() for name in group}
@@ -301,7 +257,7 @@ def _scale_sentence(freed: Freed[Any], suspects: list[Cause]) -> str:
     assert freed.asked is not None
     for cause in suspects:
         (key,) = cause.keys
-        value = freed.asked.value_of(cause.name)
+        value = float(freed.asked.sets.values_of(cause.name)[0])
         parts.append(f"{key} {100.0 * value / float(scene.get(key)):+.2g} %")
     open_ = [
         key

@@ -61,23 +61,12 @@ LEAST_EVEN = 0.1
 fitted: it has no slope at nought."""
 
 
-@dataclass(frozen=True)
-class FittedNuisances:
-    """What is fitted besides the unknowns: `causes`, whether `tractions` and uneven `light`, and
-    what is `unknown`, of the names of `WAVES`.
-    """
-
-    causes: tuple[Cause, ...] = ()
-    tractions: bool = False
-    light: bool = False
-    unknown: tuple[str, ...] = ()
-
-    @property
-    def names(self) -> frozenset[str]:
-        """All of it by name."""
-        others = {TRACTIONS: self.tractions, LIGHT: self.light}
-        fields = {n for n, there in others.items() if there} | {*self.unknown}
-        return frozenset(cause.name for cause in self.causes) | fields
+def names_of(
+    causes: tuple[Cause, ...], tractions: bool, light: bool, unknown: tuple[str, ...]
+) -> frozenset[str]:
+    """What is fitted besides the unknowns, by name; `unknown`, of the names of `WAVES`."""
+    others = [TRACTIONS] * tractions + [LIGHT] * light
+    return frozenset((*(cause.name for cause in causes), *others, *unknown))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -129,9 +118,9 @@ class Asked(Weighed):
                 result[name] -= weight
         return result
 
-    def value_of(self, name: str) -> float:
-        """The first value of something in the likeliest set that has it."""
-        return float(self.sets.values_of(name)[0])
+    def ways(self, name: str) -> list[int]:
+        """Numbers of the hypotheses that something is there."""
+        return [k for k, way in enumerate(self.evidence.hypotheses) if way.name == name]
 
     @property
     def order_size(self) -> float:
@@ -144,8 +133,10 @@ class Asked(Weighed):
         return float(np.sqrt(values @ self.order_power @ values))
 
 
-def ask(solution: Askable, fitted: FittedNuisances, stated: Askable) -> Asked:
-    """What the frames of a solution show, `fitted` already or not.
+def ask(
+    solution: Askable, freed: tuple[Cause, ...], fitted: frozenset[str], stated: Askable
+) -> Asked:
+    """What the frames of a solution show, `freed` causes and all that is `fitted` already or not.
 
     `stated`, the fit as the scene states it: what is fitted besides is counted from there.
     """
@@ -158,18 +149,20 @@ def ask(solution: Askable, fitted: FittedNuisances, stated: Askable) -> Asked:
     excess: list[float] = []
     regions: Regions | None = None
     unknowns = solution.unknown_keys
-    freed = {key for cause in fitted.causes for key in cause.keys}
-    shared = np.array([key not in freed for key in unknowns], dtype=bool)
+    added = {key for cause in freed for key in cause.keys}
+    shared = np.array([key not in added for key in unknowns], dtype=bool)
     wanted = np.flatnonzero(shared)
-    weight, misfit = solution.stated_misfit
+    weight, misfit = solution.prior.misfit(solution.values)
 
     def parts() -> Iterator[tuple[Array, Array, Array, Array]]:
         nonlocal modes, power, regions, lights
         for blocks in solution.blocks():
             if not nuisances:
                 modes = blocks.modes if _has_own_tractions(solution, stated.scene) else None
-                lights = _lights(solution, blocks)
-                nuisances.extend(_nuisances(solution, blocks, lights, causes, fitted, stated))
+                lit = solution.uneven or Unevenness(blocks.brightness, 0.0, FIRST_DEGREES)
+                # as one of them it is fitted
+                lights = tuple(lit._replace(fall=fall) for fall in LIGHT_FALLS)
+                nuisances.extend(_nuisances(solution, blocks, lights, causes, freed, stated))
                 power = blocks.order_waves @ blocks.order_waves.T / len(blocks.residual)
             odd.append((blocks.outliers, blocks.beside))
             excess.append(blocks.excess)
@@ -194,7 +187,7 @@ def ask(solution: Askable, fitted: FittedNuisances, stated: Askable) -> Asked:
         nuisances,
         products,
         noise=max(products.noise, float(np.mean(excess))),
-        fitted=fitted.names,
+        fitted=fitted,
         chance=RARE,
         unknowns=wanted,
         size=len(shared),
@@ -217,12 +210,12 @@ def _nuisances(
     blocks: FrameBlocks,
     lights: tuple[Unevenness, ...],
     causes: tuple[Cause, ...],
-    fitted: FittedNuisances,
+    freed: tuple[Cause, ...],
     stated: Askable,
 ) -> Iterator[Nuisance]:
     """All that may be there in frames like `blocks`."""
     for cause in causes:
-        if cause in fitted.causes:
+        if cause in freed:
             yield _fitted_cause(solution, cause, stated.scene)
         else:
             yield _open_cause(blocks, cause)
@@ -266,18 +259,15 @@ def _has_own_tractions(solution: Askable, stated: Scene) -> bool:
 
 def _open_cause(blocks: FrameBlocks, cause: Cause) -> Nuisance:
     """A cause that is not fitted: at nought."""
-    if cause.even:
-        roots: tuple[Array, ...] = (np.eye(1),)
-        if len(cause.keys) > 1:  # plates turned alike, or one of them
-            roots = np.array([[1.0], [0.0]]), np.array([[0.0], [cause.sizes[0]]])
-        now = np.zeros(len(roots[0]))
-    else:
-        roots = (np.diag(sizes_of(cause, blocks.scene)),)
-        now = np.zeros(len(cause.keys))
+    roots: tuple[Array, ...] = (
+        np.eye(1) if cause.even else np.diag(sizes_of(cause, blocks.scene)),
+    )
+    if cause.even and len(cause.keys) > 1:  # plates turned alike, or one of them
+        roots = np.array([[1.0], [0.0]]), np.array([[0.0], [cause.sizes[0]]])
     return Nuisance(
         name=cause.name,
         columns=lambda blocks: blocks.columns(cause),
-        now=now,
+        now=np.zeros(len(roots[0])),
         roots=roots,
         positive=cause.positive,
         exact=cause.name in _NOT_COUNTED,
@@ -290,43 +280,34 @@ def _fitted_cause(solution: Askable, cause: Cause, stated: Scene) -> Nuisance:
     """
     sizes = dict(zip(cause.keys, sizes_of(cause, stated), strict=True))
     middles = dict(zip(cause.keys, cause.starts, strict=True)) if cause.stated else {}
-    rows, values = [], []
-    for row, (key, value) in enumerate(zip(solution.unknown_keys, solution.values, strict=True)):
-        if key in sizes:
-            middle = middles.get(key, middle_of(stated, key))
-            rows.append(row)
-            values.append(float(value) - middle)
-    spread = np.array([sizes[solution.unknown_keys[row]] for row in rows])
-    if cause.even:
-        off = np.array(values)
-        off = np.copysign(np.maximum(np.abs(off), LEAST_EVEN**0.5 * spread), off)
-        size, change = float(np.mean((off / spread) ** 2)), 0.5 * off
+    keys = solution.unknown_keys
+    rows = [row for row, key in enumerate(keys) if key in sizes]
+    middle = [middles.get(keys[row], middle_of(stated, keys[row])) for row in rows]
+    off, spread = solution.values[rows] - middle, np.array([sizes[keys[row]] for row in rows])
+    exact = cause.name in _NOT_COUNTED
+    if not cause.even:
         return Nuisance(
             name=cause.name,
-            columns=lambda blocks: blocks.effect(cause) / np.float32(size),
-            now=np.array([size]),
-            roots=(np.eye(1),),
-            positive=True,
+            columns=lambda blocks: blocks.rows[rows],
+            now=off,
+            roots=(np.diag(spread),),
+            positive=cause.positive,
             unknowns=tuple(rows),
-            of_each=change[None, :] / size,
-            weights=np.zeros(1),
+            weights=np.zeros(0 if exact else len(rows)),
+            exact=exact,
         )
+    off = np.copysign(np.maximum(np.abs(off), LEAST_EVEN**0.5 * spread), off)
+    size = float(np.mean((off / spread) ** 2))
     return Nuisance(
         name=cause.name,
-        columns=lambda blocks: blocks.rows[rows],
-        now=np.array(values),
-        roots=(np.diag(spread),),
-        positive=cause.positive,
+        columns=lambda blocks: blocks.effect(cause) / np.float32(size),
+        now=np.array([size]),
+        roots=(np.eye(1),),
+        positive=True,
         unknowns=tuple(rows),
-        weights=np.zeros(0 if cause.name in _NOT_COUNTED else len(rows)),
-        exact=cause.name in _NOT_COUNTED,
+        of_each=(0.5 * off)[None, :] / size,
+        weights=np.zeros(1),
     )
-
-
-def _lights(solution: Askable, blocks: FrameBlocks) -> tuple[Unevenness, ...]:
-    """The ways in which a light may be uneven: as one of them it is fitted."""
-    now = solution.uneven or Unevenness(blocks.brightness, 0.0, FIRST_DEGREES)
-    return tuple(now._replace(fall=fall) for fall in LIGHT_FALLS)
 
 
 def _light(blocks: FrameBlocks, lights: tuple[Unevenness, ...]) -> Nuisance:
@@ -361,11 +342,6 @@ def sizes_of(cause: Cause, scene: Scene) -> list[float]:
 def middle_of(scene: Scene, key: str) -> float:
     """What a scene says of a key that is not stated with an uncertainty."""
     return scene.frames.first_gamma if key == GAMMA else float(scene.get(key) or 0.0)
-
-
-def fitted_waves(waves: Array | None) -> tuple[str, ...]:
-    """What `waves` (3, k) of a frame are of, by name."""
-    return () if waves is None else tuple(n for n, part in WAVES.items() if waves[part].any())
 
 
 def wave_root(name: str, root: Array) -> Array:

@@ -16,9 +16,9 @@ import numpy as np
 from isochrome.errors import InputError, PhysicsError
 from isochrome.estimation import FrameData, is_explained
 from isochrome.fitting.frame.frame_fit import PHOTOGRAPHS, Fitted, placed
-from isochrome.fitting.frame.unknowns import BLUR, GAMMA, LEFT, LENS, TOP, free_keys
-from isochrome.fitting.result import TOO_FAR
-from isochrome.fitting.search.cold_start import Settled, search_frame, settle_frame
+from isochrome.fitting.frame.unknowns import BLUR, GAMMA, LEFT, LENS, PIXEL, TOP, free_keys
+from isochrome.fitting.frame_set import TOO_FAR
+from isochrome.fitting.search import Settled, search_frame, settle_frame
 from isochrome.frames import as_turned
 from isochrome.messages import message
 from isochrome.scene import STIFFEST_GPA, Scene
@@ -53,14 +53,8 @@ class Slip:
         )
 
 
-@dataclass(frozen=True)
-class _Candidate:
-    """What is tried: a frame as it would lie, and a scene."""
-
-    what: str
-    line: str
-    data: FrameData
-    scene: Scene
+_Candidate = tuple[str, str, FrameData, Scene]
+"""What is tried: what it is, the line that mends it, a frame as it would lie, and a scene."""
 
 
 def is_lost(fitted: Fitted) -> bool:
@@ -94,16 +88,15 @@ def explaining_slip(
     if scene.indenter is not None:
         keys = tuple(dict.fromkeys((*keys, LEFT, TOP)))
     best: Slip | None = None
-    for slip in _slips(data, scene):
-        result = _tried(slip, keys, lost)
-        if result is None:
+    for what, line, picture, start in _slips(data, scene):
+        ended = _tried(picture, start, keys, lost)
+        # without a line it may be another minimum of the scene itself
+        if ended is None or (found and not line and _is_there(ended.scene, scene, data.shape)):
             continue
-        chi, end = result
-        if found and not slip.line and _is_there(end, scene, data.shape):
-            continue  # another minimum of the scene itself
+        chi, end = ended.chi, ended.scene
         if is_explained(before, chi, _LEFT) and (best is None or chi < _ALIKE * best.chi):
-            line = slip.line or f"{LEFT} = {end.get(LEFT):.3g} and {TOP} = {end.get(TOP):.3g}"
-            best = Slip(slip.what, line, chi, before)
+            line = line or f"{LEFT} = {end.get(LEFT):.3g} and {TOP} = {end.get(TOP):.3g}"
+            best = Slip(what, line, chi, before)
         if best is not None and best.chi <= _LEAST:
             break
     return best
@@ -115,7 +108,7 @@ def _slips(data: FrameData, scene: Scene) -> Iterator[_Candidate]:
     if other is not None and not scene.polariscope.step:
         changed = scene.with_values({"polariscope.field": other})
         line = f'polariscope.field = "{other}"'
-        yield _Candidate(message("picture_one_field", other=other), line, data, changed)
+        yield message("picture_one_field", other=other), line, data, changed
     yield from _turns(data, scene, ((180, None),))
     yield from _units(data, scene, stiff=True)
     yield from _places(data, scene)
@@ -126,7 +119,7 @@ def _slips(data: FrameData, scene: Scene) -> Iterator[_Candidate]:
             if gamma != data.gamma:
                 line = f"{GAMMA} = {gamma}"
                 gamma_fit = scene.with_values({GAMMA: gamma})
-                yield _Candidate(message("tone_curve_another"), line, data.toned(gamma), gamma_fit)
+                yield message("tone_curve_another"), line, data.toned(gamma), gamma_fit
     yield from _units(data, scene, stiff=False)
 
 
@@ -134,8 +127,7 @@ def _turns(
     data: FrameData, scene: Scene, ways: tuple[tuple[int, str | None], ...]
 ) -> Iterator[_Candidate]:
     """The picture lying otherwise; a quarter turn keeps its middle where it was."""
-    camera, (rows, cols) = scene.camera, data.shape
-    assert camera is not None and camera.pixel_mm is not None and camera.left_mm is not None
+    rows, cols = data.shape
     for turn, flip in ways:
         line, what = lying_otherwise(scene, turn, flip)
         start = scene
@@ -143,11 +135,9 @@ def _turns(
             size = {"camera.width_px": rows, "camera.height_px": cols}
             changed = {key: value for key, value in size.items() if scene.get(key) is not None}
             line += "".join(f" and {key} = {value}" for key, value in changed.items())
-            left = camera.left_mm + 0.5 * (cols - rows) * camera.pixel_mm
+            left = scene.get(LEFT) + 0.5 * (cols - rows) * scene.get(PIXEL)
             start = scene.with_values(changed | {LEFT: left})
-        yield _Candidate(
-            what, line, data.lying(partial(as_turned, rotate_deg=turn, flip=flip)), start
-        )
+        yield what, line, data.lying(partial(as_turned, rotate_deg=turn, flip=flip)), start
 
 
 def lying_otherwise(scene: Scene, turn: int, flip: str | None) -> tuple[str, str]:
@@ -197,43 +187,38 @@ def _units(data: FrameData, scene: Scene, stiff: bool) -> Iterator[_Candidate]:
             unit = "Pa" if 1e-9 in shares.values() else "MPa"
             line = " and ".join(f"{key} = {value:g}" for key, value in changed.items())
             what = message("young_modulus_given", unit=unit)
-            yield _Candidate(what, line, data, scene.with_values(changed))
+            yield what, line, data, scene.with_values(changed)
 
 
 def _places(data: FrameData, scene: Scene) -> Iterator[_Candidate]:
     """The contact elsewhere in the picture; where the place is an unknown, beyond the search."""
-    camera = scene.camera
     if scene.indenter is None:
         return
-    assert camera is not None and camera.pixel_mm is not None
-    assert camera.left_mm is not None and camera.top_mm is not None
-    height, width = (n * camera.pixel_mm for n in data.shape)
+    height, width = (n * scene.get(PIXEL) for n in data.shape)
     steps = ((0, 0), (-1, 0), (1, 0), (-2, 0), (2, 0), (-3, 0), (3, 0), (0, -1), (0, 1))
     for across, down in (np.array(steps) * (_ACROSS * width, _DOWN * height)).tolist():
-        place = {LEFT: camera.left_mm + across, TOP: camera.top_mm + down}
-        yield _Candidate(message("contact_elsewhere_picture"), "", data, scene.with_values(place))
+        place = {LEFT: scene.get(LEFT) + across, TOP: scene.get(TOP) + down}
+        yield message("contact_elsewhere_picture"), "", data, scene.with_values(place)
 
 
 def _is_there(end: Scene, scene: Scene, shape: tuple[int, int]) -> bool:
     """Whether a contact lies where its scene says, nearer than halfway to the next place tried."""
-    height, width = (n * scene.get("camera.pixel_mm") for n in shape)
+    height, width = (n * scene.get(PIXEL) for n in shape)
     across = abs(end.get(LEFT) - scene.get(LEFT)) < 0.5 * _ACROSS * width
     down = abs(end.get(TOP) - scene.get(TOP)) < 0.5 * _DOWN * height
     return bool(across and down)
 
 
-def _tried(slip: _Candidate, keys: tuple[str, ...], lost: bool) -> tuple[float, Scene] | None:
-    """Residual over noise of a quick fit, and where it ended; None where it explains nothing.
+def _tried(data: FrameData, scene: Scene, keys: tuple[str, ...], lost: bool) -> Settled | None:
+    """Where a quick fit ended; None where it explains nothing.
 
     Only what is `lost` is searched for: else a slip leaves values near those that were found.
     """
     try:
         if lost:
-            best: Settled | None = search_frame(slip.data, slip.scene, keys)[0]
+            best: Settled | None = search_frame(data, scene, keys)[0]
         else:
-            best = settle_frame(slip.data, slip.scene, keys)
+            best = settle_frame(data, scene, keys)
     except (InputError, PhysicsError):
         return None
-    if best is None or not best.positive or best.chi > TOO_FAR * best.gain:
-        return None
-    return best.chi, best.scene
+    return best if best and best.positive and best.chi <= TOO_FAR * best.gain else None

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Self
+from typing import Any, Protocol, Self, cast
 
 import numpy as np
 
@@ -48,7 +48,7 @@ class Change:
     far: bool = False
 
 
-class Askable:
+class Askable(Protocol):
     """A fit of one frame, or of several together, that can be asked and made anew.
 
     `past`, whether nothing else says what friction there was before.
@@ -60,48 +60,38 @@ class Askable:
     @property
     def fit(self) -> Any:
         """The fit itself."""
-        raise NotImplementedError
 
     @property
     def frames(self) -> Any:
         """The frames, with the light and the pixels that were taken."""
-        raise NotImplementedError
 
     @property
     def unknown_keys(self) -> tuple[str, ...]:
         """The key of each unknown (p,)."""
-        raise NotImplementedError
 
     @property
     def prior(self) -> Prior:
         """What is known beforehand of the unknowns."""
-        raise NotImplementedError
 
     @property
     def held(self) -> StatedInputs:
         """What is stated with an uncertainty, and held."""
-        raise NotImplementedError
 
     @property
     def is_bright(self) -> bool:
         """Whether its light is light, and more than one amplitude."""
-        raise NotImplementedError
 
     def blocks(self) -> Iterator[FrameBlocks]:
         """Each of its frames in blocks."""
-        raise NotImplementedError
 
     def again(self, change: Change) -> Self:
         """The fit with a change. Raises PhysicsError where it cannot be made."""
-        raise NotImplementedError
 
     def trial(self, change: Change, expected: Expected) -> Trial | None:
         """A fit to few pixels with what is expected of it; None where there is none."""
-        raise NotImplementedError
 
     def still_odd(self, whole: Self, odd: Mask) -> Mask:
         """Which of the blocks that it left out of the `whole` frame it does not explain."""
-        raise NotImplementedError
 
     @property
     def count(self) -> int:
@@ -116,8 +106,7 @@ class Askable:
     @property
     def scene(self) -> Scene:
         """The scene with the fitted values."""
-        scene: Scene = self.fit.scene
-        return scene
+        return cast(Scene, self.fit.scene)
 
     @property
     def values(self) -> Array:
@@ -132,24 +121,17 @@ class Askable:
     @property
     def uneven(self) -> Unevenness | None:
         """How uneven the light is, if it is fitted so."""
-        uneven: Unevenness | None = self.frames[0].lamp.uneven
-        return uneven
+        return cast("Unevenness | None", self.frames[0].lamp.uneven)
 
     @property
     def waves(self) -> Array | None:
         """Of what no cause explains (3, k), where something is fitted."""
-        waves: Array | None = self.frames[0].waves
-        return waves
+        return cast("Array | None", self.frames[0].waves)
 
     @property
     def pixels(self) -> int:
         """Pixels of all frames that may be used."""
         return sum(int(frame.valid.sum()) for frame in self.frames)
-
-    @property
-    def stated_misfit(self) -> tuple[Array, Array]:
-        """1/u (p,) of what is stated of the unknowns, and stated less fitted values, over u."""
-        return self.prior.misfit(self.fit.values)
 
     @property
     def is_sound(self) -> bool:

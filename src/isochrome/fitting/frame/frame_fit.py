@@ -36,7 +36,7 @@ from isochrome.fitting.frame.unknowns import (
     stated_inputs,
     values_of,
 )
-from isochrome.fitting.search.cold_start import CLOSE_CHI, search_frame
+from isochrome.fitting.search import CLOSE_CHI, search_frame
 from isochrome.scene import Scene
 from isochrome.stress import pixel_grid
 

@@ -47,7 +47,8 @@ from isochrome.fitting.frame.unknowns import (
     stated_inputs,
     thinning,
 )
-from isochrome.fitting.frame_set import FrameSet, refuse_alike
+from isochrome.fitting.frame_set import PreparedFrames as FrameSet
+from isochrome.fitting.frame_set import refuse_alike
 from isochrome.fitting.joint.frame_sequence import COURSE, Sequence, Unknown, local_values
 from isochrome.fitting.joint.normal_equations import (
     DirectionMaps,

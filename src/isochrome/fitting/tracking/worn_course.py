@@ -12,7 +12,7 @@ is tracked is W/A times that.
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -57,6 +57,14 @@ _RIM, _WIDER, _WIDENED = 0.04, 1.3, 5
 most so often."""
 
 
+class Worn(NamedTuple):
+    """What wears until a frame: the distance (m), and the area (mm²) by the law and as it is."""
+
+    distance_m: float = 0.0
+    law_mm2: float = 0.0
+    worn_mm2: float = 0.0
+
+
 class WornCourse:
     """One-state scenes of a contact along a run, by the values of `keys`.
 
@@ -74,14 +82,14 @@ class WornCourse:
         if scene.friction and scene.friction.static_state_first:
             raise InputError("friction_static_state_first_true_tracked")
         self.scene, self.tracked = scene, tracked
+        self._thickness_mm = float(scene.get("specimen.thickness_mm"))
         self.past: tuple[Array, Array] | None = None
         self._by_past: dict[str, Array] = {}  # worn depth (n,) by each of those loads
         self._site: ContactSetup | None = None
         self._pressure: Array | None = None
         self._last: GrowingScar | None = None  # that the frame before has left
         self._scar: GrowingScar | None = None  # that the frame in hand stands on
-        # distance (m), worn area by the law and as it is (mm²): of the last frame, and in hand
-        self._until = self._after = (0.0, 0.0, 0.0)
+        self._until = self.after = Worn()  # of the last frame, and in hand
         self._share = 1.0  # of the law, by which the contact wears on
         self.at(None)
 
@@ -98,8 +106,7 @@ class WornCourse:
     def resume(self, state: dict[str, Any]) -> None:
         """Go on from a `state`."""
         last, past = state["last"], state["past"]
-        s, law, worn = state["until"]
-        self._until, self._share = (s, law, worn), state["share"]
+        self._until, self._share = Worn(*state["until"]), state["share"]
         self.past = past and (np.array(past[0]), np.array(past[1]))
         self._by_past = {key: np.array(depth) for key, depth in state["by_past"].items()}
         if state["grid"] is not None:
@@ -158,7 +165,7 @@ class WornCourse:
         Returns the values that the scar stands for: of a wear coefficient, what has worn until now.
         Raises PhysicsError where a contact does not converge.
         """
-        self._after, drive = self._areas(values), self._drive(values)
+        self.after, drive = self._areas(values), self._drive(values)
         if self._site is None:
             self._use(with_numerics(self.even_scene(values)))
         if self._last is None:
@@ -168,7 +175,7 @@ class WornCourse:
             self._scar = self._last
             if dose > 0.0:
                 self._scar = self._last.grown(self.site, dose, drive, tolerance=GROWTH)
-        place, (_, law, worn) = np.array(values, float), self._after
+        place, (_, law, worn) = np.array(values, float), self.after
         if WEAR in self.tracked and law > 0.0:
             place[self.tracked.index(WEAR)] = self._own_wear * worn / law
         return place
@@ -176,9 +183,9 @@ class WornCourse:
     def passed(self, values: Array) -> None:
         """Leave the frame in hand with its values (keys,): the next goes on from its scar."""
         assert self._scar is not None
-        if WEAR in self.tracked and self._after[1] > 0.0:
+        if WEAR in self.tracked and self.after[1] > 0.0:
             self._share = max(0.0, values[self.tracked.index(WEAR)] / self._own_wear)
-        self._last, self._until = replace(self._scar, drive=self._drive(values)), self._after
+        self._last, self._until = replace(self._scar, drive=self._drive(values)), self.after
 
     @contextmanager
     def beside(self, key: str, values: Array) -> Iterator[float]:
@@ -186,7 +193,7 @@ class WornCourse:
 
         `values` (keys,), for which the frame's own scar was taken.
         """
-        scar, step, (_, law, worn) = self._scar, 0.0, self._after
+        scar, step, (_, law, worn) = self._scar, 0.0, self.after
         assert scar is not None
         if key in PAST:
             k = PAST.index(key) - len(PAST)
@@ -215,8 +222,7 @@ class WornCourse:
         """The contact of a scene of the frame in hand, under its own load on the frame's scar."""
         if is_held(scene):
             return scene_states(scene.model_copy(update={"numerics": self.site.scene.numerics}))[-1]
-        assert scene.load is not None and scene.specimen.thickness_mm is not None
-        line = scene.load_at(0.0) / scene.specimen.thickness_mm
+        line = scene.load_at(0.0) / self._thickness_mm
         mu = float(scene.friction_at(0.0)) if scene.friction else 0.0
         stop = OutputState(self._s, 0.0, line, mu)
         for _ in range(_WIDENED):
@@ -245,17 +251,7 @@ class WornCourse:
 
     def grown(self, since_mm2: float, values: Array) -> float:
         """Growth of the worn area since another, over it and what the elasticity takes up."""
-        return (self.worn_mm2 - since_mm2) / (since_mm2 + self._elastic_mm2(values))
-
-    @property
-    def worn_mm2(self) -> float:
-        """Worn area at the frame in hand."""
-        return self._after[2]
-
-    @property
-    def law_mm2(self) -> float:
-        """Worn area at the frame in hand by the scene's own coefficient."""
-        return self._after[1]
+        return (self.after.worn_mm2 - since_mm2) / (since_mm2 + self._elastic_mm2(values))
 
     def _elastic_mm2(self, values: Array) -> float:
         """Area that the indenter would cut off were it not for the elasticity, P' a / E*.
@@ -307,8 +303,7 @@ class WornCourse:
         """Line loads (N/mm) at the first frame's PAST and in it; or one, of the scene's tables."""
         line, past = self._drive(values)[0], values[len(self.tracked) :]
         own = [line] if len(past) else []
-        assert self.scene.specimen.thickness_mm is not None
-        return [*(past / self.scene.specimen.thickness_mm).tolist(), *own] or [line]
+        return [*(past / self._thickness_mm).tolist(), *own] or [line]
 
     def _before(self, values: Array) -> Scene:
         """The scene until the first frame: its tables, or what that frame says for all the time,
@@ -320,23 +315,21 @@ class WornCourse:
         fixed = {key: value for key, value in known.items() if not self._is_table(key)}
         return with_part(self.scene.with_values(fixed), "wear", distances_m=(self._s,))
 
-    def _areas(self, values: Array) -> tuple[float, float, float]:
-        """Distance (m) and worn areas (mm²), by the law and as it is, at the frame in hand."""
-        if self.scene.wear is None:
-            return 0.0, 0.0, 0.0
+    def _areas(self, values: Array) -> Worn:
+        """What has worn at the frame in hand."""
+        if self.scene.wear is None or (self._last is None and not self._s > 0.0):
+            return Worn()
         if self._last is None:
-            if not self._s > 0.0:
-                return 0.0, 0.0, 0.0
             worn = float(local_values(self._before(values), (self._s,))[0, 2])
             loads = self._lines_before(values)
             if len(loads) > 1:
                 worn *= -float(np.trapezoid([loads[0], *loads], _TO_GO)) / loads[0]
             share = self._value(WEAR, values) / self._own_wear if WEAR in self.tracked else 1.0
-            return self._s, worn / share, worn
+            return Worn(self._s, worn / share, worn)
         line, mu = self._drive(values)
         _, law, worn = self._until
         more = 0.5 * (self._last.drive[0] + line) * self._dose(mu)
-        return self._s, law + more, worn + self._share * more
+        return Worn(self._s, law + more, worn + self._share * more)
 
     def _dose(self, friction: float) -> float:
         """The law's dose (mm/MPa) since the last frame."""
@@ -348,9 +341,8 @@ class WornCourse:
 
     def _drive(self, values: Array) -> tuple[float, float]:
         """The frame's line load (N/mm) and friction by some values."""
-        assert self.scene.specimen.thickness_mm is not None
         mu = self._value(FRICTION, values) if self.scene.friction else 0.0
-        return self._value(LOAD, values) / self.scene.specimen.thickness_mm, mu
+        return self._value(LOAD, values) / self._thickness_mm, mu
 
     def _value(self, key: str, values: Array) -> float:
         if key in self.tracked:

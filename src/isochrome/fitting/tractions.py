@@ -40,7 +40,9 @@ from isochrome.fitting.frame.frame_model import (
     RefinedFit,
     refine_fit,
 )
+from isochrome.fitting.frame.renderer import scene_optics
 from isochrome.fitting.frame.unknowns import (
+    LENS,
     SMOOTH_KEYS,
     TOP,
     fit_region,
@@ -49,8 +51,7 @@ from isochrome.fitting.frame.unknowns import (
     thinning,
     values_of,
 )
-from isochrome.fitting.frame_set import refuse_bent
-from isochrome.fitting.search.cold_start import Settled, search_frame
+from isochrome.fitting.search import Settled, search_frame
 from isochrome.messages import message, warnings_json
 from isochrome.output import with_uncertainty
 from isochrome.scene import Scene
@@ -101,7 +102,12 @@ class Smoothness(Prior):
 
 
 class TractionModel(FarModel):
-    """A frame whose unknowns are `keys`, and hats' halves (a, b), at multiples of a spacing."""
+    """A frame whose unknowns are `keys`, and hats' halves (a, b), at multiples of a spacing.
+
+    `rest`, where it came to rest.
+    """
+
+    rest: RefinedFit
 
     def __init__(
         self,
@@ -206,6 +212,62 @@ class TractionModel(FarModel):
         halves = np.kron([[1.0 + m, 1.0 - m], [1.0 - m, 1.0 + m]], square)
         return np.pad(halves, (len(self.keys), 0))
 
+    @property
+    def chi(self) -> float:
+        """Residual over noise, where it came to rest."""
+        return self.rest.chi
+
+    @property
+    def found_scene(self) -> Scene:
+        """The scene with the values that were found."""
+        return moved_scene(self.scene, self.keys, self.rest.values[: len(self.keys)])
+
+    @property
+    def free(self) -> Mask:
+        """The unknowns (m,) that are not at their bound."""
+        return np.asarray(self.rest.values > self.limits.low)
+
+    def covariance(self, free: Mask) -> Array:
+        """Covariance (m, m) of the unknowns that are `free`, widened by chi."""
+        here = np.ix_(free, free)
+        cover = np.zeros(free.shape * 2)
+        cover[here] = np.linalg.inv(self.rest.local.normal[here])
+        return cover * self.chi**2
+
+    def patches(self) -> list[tuple[float, float]]:
+        """Ends (mm) of what is pressed more than noise explains; PhysicsError: nothing is."""
+        n, first, x, beside = (
+            len(self.nodes_mm),
+            len(self.keys),
+            self.nodes_mm,
+            2.0 * self.spacing_mm,
+        )
+        values, cover, result = self.rest.values, self.covariance(self.free), []
+        for i, j in node_runs(self.tractions(values)[0] > 0.0, x):
+            weight = np.zeros(len(cover))
+            weight[first:].reshape(2, n)[:, i:j] = 1.0
+            if weight @ values > _SEEN * np.sqrt(weight @ cover @ weight):
+                result.append((float(x[i] - beside), float(x[j - 1] + beside)))
+        if not result:
+            raise PhysicsError("frame_shows_no_fringes_pressure")
+        return result
+
+    def become_probable(self) -> None:
+        """Come to rest with the tractions as smooth as is most probable."""
+        for _ in range(_UPDATES):
+            here = np.ix_(self.free, self.free)
+            curvature, values = self.curvature[here], self.rest.values
+            known = np.linalg.inv(self.rest.local.normal[here])
+            directions = np.linalg.matrix_rank(curvature, hermitian=True)
+            counted = directions - self.strength * float(np.sum(known * curvature))
+            bent, before = float(values @ self.curvature @ values), self.strength
+            self.smooth(self.rest.gamma_fit.noise * counted / bent if bent > 0.0 else before)
+            again = refine_fit(self, values)
+            assert again is not None
+            self.rest = again
+            if abs(np.log(self.strength / before)) < _STEADY:
+                break
+
 
 def block_px(data: FrameData) -> int:
     """Side of the blocks of pixels that are fitted, an odd number."""
@@ -229,101 +291,32 @@ def with_signs(matrix: Array, right: Array, free: int) -> Array:
     return np.asarray(np.r_[back[:, -1] - back[:, :-1] @ bound, bound])
 
 
-@dataclass(frozen=True)
-class Stage:
-    """Where a model came to rest."""
-
-    model: TractionModel
-    fit: RefinedFit
-
-    @property
-    def chi(self) -> float:
-        """Residual over noise."""
-        return self.fit.chi
-
-    @property
-    def scene(self) -> Scene:
-        """The scene with the values that were found."""
-        keys = self.model.keys
-        return moved_scene(self.model.scene, keys, self.fit.values[: len(keys)])
-
-    @property
-    def surface(self) -> SurfaceState:
-        """What acts on its surface."""
-        return self.model.surface(self.fit.values)
-
-    @property
-    def free(self) -> Mask:
-        """The unknowns (m,) that are not at their bound."""
-        return np.asarray(self.fit.values > self.model.limits.low)
-
-    def covariance(self, free: Mask) -> Array:
-        """Covariance (m, m) of the unknowns that are `free`, widened by chi."""
-        here = np.ix_(free, free)
-        cover = np.zeros(free.shape * 2)
-        cover[here] = np.linalg.inv(self.fit.local.normal[here])
-        return cover * self.chi**2
-
-    def patches(self) -> list[tuple[float, float]]:
-        """Ends (mm) of what is pressed more than noise explains; PhysicsError: nothing is."""
-        model, n, first = self.model, len(self.model.nodes_mm), len(self.model.keys)
-        cover, x, beside = self.covariance(self.free), model.nodes_mm, 2.0 * model.spacing_mm
-        result = []
-        for i, j in node_runs(model.tractions(self.fit.values)[0] > 0.0, x):
-            weight = np.zeros(len(cover))
-            weight[first:].reshape(2, n)[:, i:j] = 1.0
-            if weight @ self.fit.values > _SEEN * np.sqrt(weight @ cover @ weight):
-                result.append((float(x[i] - beside), float(x[j - 1] + beside)))
-        if not result:
-            raise PhysicsError("frame_shows_no_fringes_pressure")
-        return result
-
-    def probable(self) -> Stage:
-        """The same with the tractions as smooth as is most probable."""
-        stage, model = self, self.model
-        for _ in range(_UPDATES):
-            fit, here = stage.fit, np.ix_(stage.free, stage.free)
-            curvature = model.curvature[here]
-            known = np.linalg.inv(fit.local.normal[here])
-            directions = np.linalg.matrix_rank(curvature, hermitian=True)
-            counted = directions - model.strength * float(np.sum(known * curvature))
-            bent = float(fit.values @ model.curvature @ fit.values)
-            new = fit.gamma_fit.noise * counted / bent if bent > 0.0 else model.strength
-            change = abs(np.log(new / model.strength))
-            model.smooth(new)
-            again = refine_fit(model, fit.values)
-            assert again is not None
-            stage = Stage(model, again)
-            if change < _STEADY:
-                break
-        return stage
-
-
-def invert(data: FrameData, scene: Scene, *, free_top: bool) -> Stage:
+def invert(data: FrameData, scene: Scene, *, free_top: bool) -> TractionModel:
     """Tractions of a frame from a scene near it; PhysicsError: no light follows the fringes."""
     surface, pixels = scene_states(scene)[-1].surface, pixel_grid(scene, data.shape)
     assert surface is not None
     half = 0.5 * (surface.edges_mm[1] - surface.edges_mm[0])
     block, least = block_px(data) * pixels.pixel_mm, hidden_px(scene)
     patches = [(pixels.left_mm, pixels.left_mm + pixels.cols * pixels.pixel_mm)]
-    for stage_number in range(_STAGES):
-        spacing = block * max(1, round(half / (_HATS << stage_number) / block))
+    for stage in range(_STAGES):
+        spacing = block * max(1, round(half / (_HATS << stage) / block))
         first, last = (round(end / spacing) for end in (patches[0][0], patches[-1][1]))
         nodes = spacing * np.arange(first, last + 1)
         inside = np.any([(nodes >= i) & (nodes <= j) for i, j in patches], axis=0)
         depth = min(2.0 * spacing, 0.5 * pixels.z_mm[-1]) / pixels.pixel_mm
         # from afar the surface's place is told from bending by little
-        keys = (*SMOOTH_KEYS, TOP) if free_top and stage_number else SMOOTH_KEYS
+        keys = (*SMOOTH_KEYS, TOP) if free_top and stage else SMOOTH_KEYS
         model = TractionModel(
             data, scene, surface, keys, nodes[inside], spacing,
-            hidden_px=least if stage_number == _STAGES - 1 else max(least, depth),
+            hidden_px=least if stage == _STAGES - 1 else max(least, depth),
         )  # fmt: skip
         fit = model.settled(model.start, robust=False)
         if fit is None or not (fit.positive and is_seen(fit.gamma_fit)):
             raise PhysicsError("frame_shows_no_fringes")
-        stage = Stage(model, fit)
-        patches, scene, surface = stage.patches(), stage.scene, stage.surface
-    return stage.probable()
+        model.rest = fit
+        patches, scene, surface = model.patches(), model.found_scene, model.surface(fit.values)
+    model.become_probable()
+    return model
 
 
 def node_runs(on: Mask, x_mm: Array) -> list[tuple[int, int]]:
@@ -398,6 +391,13 @@ class Tractions:
         ]
         return f"{', '.join(values)}, chi = {self.chi:.3f}"
 
+    def maps(self, stress: StressComponents) -> list[Array]:
+        """sigma_1, sigma_2 (MPa) and the order at every pixel (rows, cols), NaN above the surface,
+        of its `components`."""
+        material = (self.pixels.z_mm >= (0.5 - 1e-6) * self.pixels.pixel_mm)[:, None]
+        images = (*stress.principal, scene_optics(self.scene).order(stress.difference))
+        return [np.where(material, image, np.nan).astype(np.float32) for image in images]
+
     def components(self) -> StressComponents:
         """All three stress components at every pixel (rows, cols), MPa; zero above the surface."""
         return specimen_model(self.scene).components(self.scene, self.surface, self.pixels)
@@ -420,14 +420,13 @@ def invert_tractions(data: FrameData, *scenes: Scene, free_top: bool = False) ->
     scene = search[0].scene
     if scene.frames.stated_gamma != data.gamma:
         data = data.toned(scene.frames.stated_gamma)
-    stage = invert(data, scene, free_top=free_top)
-    model, values = stage.model, stage.fit.values
-    scene, n, m = stage.scene, len(model.nodes_mm), FRICTION_LIMIT
+    model = invert(data, scene, free_top=free_top)
+    values, scene, n, m = model.rest.values, model.found_scene, len(model.nodes_mm), FRICTION_LIMIT
     pressure, shear = model.tractions(values)
     to = np.pad(np.kron([[1.0, 1.0], [m, -m]], np.eye(n)), ((0, 0), (len(model.keys), 0)))
     every = np.ones(len(values), bool)
-    spread = np.sqrt(np.diag(to @ stage.covariance(every) @ to.T))
-    cover = to @ stage.covariance(stage.free) @ to.T
+    spread = np.sqrt(np.diag(to @ model.covariance(every) @ to.T))
+    cover = to @ model.covariance(model.free) @ to.T
     assert scene.specimen.thickness_mm is not None
     width = model.spacing_mm * scene.specimen.thickness_mm
     load, tangential = (
@@ -438,8 +437,8 @@ def invert_tractions(data: FrameData, *scenes: Scene, free_top: bool = False) ->
         x_mm=model.nodes_mm, pressure_mpa=pressure,
         pressure_standard_uncertainty_mpa=spread[:n], shear_mpa=shear,
         shear_standard_uncertainty_mpa=spread[n:], load_n=load, tangential_n=tangential,
-        scene=scene, surface=stage.surface, pixels=pixel_grid(scene, data.shape), chi=stage.chi,
-        regularisation=model.strength, warnings=what_to_say(stage, search, load),
+        scene=scene, surface=model.surface(values), pixels=pixel_grid(scene, data.shape),
+        chi=model.chi, regularisation=model.strength, warnings=what_to_say(model, search, load),
     )  # fmt: skip
 
 
@@ -455,23 +454,28 @@ def refuse_without_contact(scene: Scene) -> None:
     """Raise InputError where a scene has no contact on whose surface tractions could act."""
     if scene.indenter is None:
         raise InputError("tractions_act_surface_contact", name=scene.name)
-    refuse_bent(scene, message("inverted_tractions_leave_out"))
+    for key in LENS:  # a camera that is not square is not in the model
+        if scene.get(key):
+            what = message("inverted_tractions_leave_out")
+            raise InputError("such_frames_cannot", key=key, scene=scene.get(key), what=what)
 
 
-def what_to_say(stage: Stage, search: tuple[Settled, ...], load: Measured) -> tuple[str, ...]:
-    """Warnings about an inversion, from its last stage, and from the search for its start."""
-    result, model = [], stage.model
+def what_to_say(
+    model: TractionModel, search: tuple[Settled, ...], load: Measured
+) -> tuple[str, ...]:
+    """Warnings about an inversion, from its last model, and from the search for its start."""
+    result = []
     square = np.zeros(model.pixels.keep.shape, np.float32)
-    square[model.pixels.keep] = np.square(stage.fit.gamma_fit.residual)
+    square[model.pixels.keep] = np.square(model.rest.gamma_fit.residual)
     keep = model.pixels.keep.astype(np.float32)
     count, sums = (block_sums(part, _LOCAL_PX) for part in (keep, square))
     enough = count > _FEW - 0.5
     worst = float(np.sqrt((sums[enough] / count[enough]).max(initial=0.0)))
-    if stage.chi > GOOD_CHI:
-        result.append(message("chi_no_tractions_half", chi=stage.chi))
+    if model.chi > GOOD_CHI:
+        result.append(message("chi_no_tractions_half", chi=model.chi))
     elif worst > _LOCAL_CHI:
         result.append(message("chi_one_place_near", worst=worst))
-    if not stage.fit.converged:
+    if not model.rest.converged:
         result.append(message("inversion_did_not_converge"))
     best, *others = search
     if any(one.positive and one.chi < ALIKE_CHI * best.chi for one in others):
@@ -479,7 +483,7 @@ def what_to_say(stage: Stage, search: tuple[Settled, ...], load: Measured) -> tu
     unsure = load.standard_uncertainty / load.value
     if unsure > _UNCERTAIN:
         result.append(message("load_determined_only_more", load=100 * unsure))
-    pressure, shear = model.tractions(stage.fit.values)
+    pressure, shear = model.tractions(model.rest.values)
     touching = np.abs(shear) > (1.0 - 1e-9) * FRICTION_LIMIT * pressure
     share = pressure[touching].sum() / pressure.sum()
     if share > _LIMITED:
@@ -487,7 +491,7 @@ def what_to_say(stage: Stage, search: tuple[Settled, ...], load: Measured) -> tu
             message("largest_friction_allowed_over", limit=FRICTION_LIMIT, share=100 * share)
         )
     pressed, reach = model.nodes_mm[pressure > 0.0], 2.0 * model.spacing_mm
-    sides = pixel_grid(stage.scene, model.renderer.shape).x_mm[[0, -1]]
+    sides = pixel_grid(model.found_scene, model.renderer.shape).x_mm[[0, -1]]
     if pressed[0] < sides[0] + reach or pressed[-1] > sides[1] - reach:
         result.append(message("pressure_reaches_picture_side"))
     return tuple(result)

@@ -1,1 +1,0 @@
-"""Starts for a frame whose scene is far off."""

@@ -1,1 +1,0 @@
-"""Surface tractions from a frame, without a contact model."""
