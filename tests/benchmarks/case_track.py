@@ -198,8 +198,8 @@ PLACES = {
     ),
     "write": (
         ("isochrome.runs.workers", "keep"),
-        ("isochrome.processing.api", "write_csv"),
-        ("isochrome.processing.api", "add_columns"),
+        ("isochrome.output", "write_csv"),
+        ("isochrome.runs", "add_columns"),
     ),
 }
 """What reads and writes: functions that no other of them calls."""

@@ -163,7 +163,7 @@ def write_result(folder, signal_name, table_name, table, signal, order, *, more=
 def test_result_folders_become_frame_sets(tmp_path):
     experiment, simulation = frame_sets(3)
     frames = np.round(255 * simulation.signal).astype(np.uint8)
-    table = {"state": [0, 1, 2], "distance_m": [0.0, 0.0, 31.0]}
+    table = {"state": [0, 1, 2], "label": ["static", "initial sliding", "sliding, 31 m"]}
     write_result(tmp_path / "sim", "frames.tif", "history.csv", table, frames, simulation.order)
     table = {"frame": [0, 1, 2], "noise": [0.01, 0.02, 0.03]}
     normalised = experiment.signal.astype(np.float32)

@@ -107,17 +107,15 @@ def test_the_band_is_that_of_the_closed_form():
     depth = 1e3 * a**2 / (2.0 * RADIUS)
     assert set(scar.moved_um) == {*shares, "indenter.radius_mm"}
     for key, share in shares.items():
-        assert scar.moved_area_mm2[key] == pytest.approx(share * worn_area(233.0), rel=5e-3)
-        assert scar.moved_width_mm[key] == pytest.approx(share / 3.0 * 2.0 * a, rel=2e-2)
-        assert scar.moved_depth_um[key] == pytest.approx(share * 2.0 / 3.0 * depth, rel=2e-2)
+        area, width, largest = scar.moved[key]
+        assert area == pytest.approx(share * worn_area(233.0), rel=5e-3)
+        assert width == pytest.approx(share / 3.0 * 2.0 * a, rel=2e-2)
+        assert largest == pytest.approx(share * 2.0 / 3.0 * depth, rel=2e-2)
     share = 0.5 / RADIUS
-    assert scar.moved_width_mm["indenter.radius_mm"] == pytest.approx(
-        share / 3.0 * 2.0 * a, rel=2e-2
-    )
-    assert scar.moved_depth_um["indenter.radius_mm"] == pytest.approx(
-        -share / 3.0 * depth, rel=2e-2
-    )
-    assert abs(scar.moved_area_mm2["indenter.radius_mm"]) < 1e-4 * worn_area(233.0)
+    area, width, largest = scar.moved["indenter.radius_mm"]
+    assert width == pytest.approx(share / 3.0 * 2.0 * a, rel=2e-2)
+    assert largest == pytest.approx(-share / 3.0 * depth, rel=2e-2)
+    assert abs(area) < 1e-4 * worn_area(233.0)
 
 
 def test_measured_scars_lie_on_the_simulated_ones(measured, tmp_path):

@@ -81,7 +81,7 @@ def test_what_process_will_refuse_is_an_error_beforehand(tmp_path, monkeypatch, 
     if not disc:
         path, scene = saved(tmp_path, OUTSIDE.frame(bench(), OUTSIDE.Defects(), 1)), bench()
     assert check(path, scene).ok
-    monkeypatch.setattr("isochrome.processing.kinds.with_model.TOO_FAR", 1e-3)
+    monkeypatch.setattr("isochrome.fitting.TOO_FAR", 1e-3)
     found = check(path, scene)
     (said,) = [f.text for f in found.findings if f.level == "error"]
     assert not found.ok and "too far off to name the branches" in said

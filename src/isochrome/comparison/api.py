@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from isochrome import figures, reporting
+from isochrome import figures, output, reporting
 from isochrome.comparison.frame_sets import (
     ComparedFrames,
     FrameMetrics,
@@ -23,16 +23,6 @@ from isochrome.comparison.frame_sets import (
 from isochrome.comparison.scar_comparison import ScarComparison, compare_scars
 from isochrome.errors import InputError
 from isochrome.fringes import order_contours, skeletons
-from isochrome.output import (
-    Result,
-    counted,
-    evenly_spaced,
-    over_items,
-    provenance,
-    staged,
-    write_csv,
-    write_figure,
-)
 from isochrome.runs import REPORT, seal
 from isochrome.scene import ArrayFrames, Scene, dump_scene, load_scene
 
@@ -41,57 +31,64 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.image import AxesImage
 
-_ROWS_FOR_PAPER = 3
-"""Frames of a figure for a paper where nobody names them."""
-
 
 def side_by_side(
     experiment: ComparedFrames, simulation: ComparedFrames, metrics: Sequence[FrameMetrics]
 ) -> Figure:
-    """Draw experiment, simulation and difference beside each other (the paper's Fig. 11).
-
-    Of more than 8 frames evenly spaced ones. Simulated dark fringes lie over the experiment.
-    """
-    pairs = frame_pairs(experiment, simulation)
-    rows = tuple(evenly_spaced(range(len(pairs)), reporting.MOST_FRAMES))
+    """Draw experiment, simulation and difference beside each other (the paper's Fig. 11). Of more
+    than 8 frames evenly spaced ones. Simulated dark fringes lie over the experiment."""
+    rows = tuple(output.evenly_spaced(range(len(metrics)), reporting.MOST_FRAMES))
     panels = side_by_side_panels(experiment, simulation, metrics, rows)
-    *notes, lines = panels.notes
-    foot = ["One scale, grey range and difference range for all rows; hatched: not known.", lines]
-    if len(rows) < len(pairs):
-        foot.append(f"{len(rows)} of {len(pairs)} frames shown, evenly spaced.")
+    *notes, foot = panels.notes
+    foot = f"One scale, grey range and difference range for all rows; hatched: not known. {foot}"
+    if len(rows) < len(metrics):
+        foot += f" {len(rows)} of {len(metrics)} frames shown, evenly spaced."
     if experiment.pixel_mm is None and simulation.pixel_mm is None:
-        foot.append("No pixel scale is known.")
-    return figures.panels_figure(replace(panels, notes=[*notes, " ".join(foot)]), "")
+        foot += " No pixel scale is known."
+    return figures.panels_figure(replace(panels, notes=[*notes, foot]), "")
 
 
 def side_by_side_panels(
     experiment: ComparedFrames,
     simulation: ComparedFrames,
-    metrics: Sequence[FrameMetrics],
-    frames: tuple[int, ...] | None,
+    metrics: Sequence[FrameMetrics] | Mapping[int, FrameMetrics],
+    frames: Sequence[int],
+    *,
+    lines: bool = True,
 ) -> figures.PaperPanels:
     """The same for a paper: one scale, one grey range and one difference range for all frames."""
-    pairs = frame_pairs(experiment, simulation)
-    shown = figures.chosen_frames(
-        frames, len(pairs), evenly_spaced(range(len(pairs)), _ROWS_FOR_PAPER)
-    )
-    chosen = [(*pairs[k], metrics[k]) for k in shown]
+    chosen = [metrics[k] for k in frames]
     panes, place = _panes_of(experiment, simulation, chosen)
 
     def draw(axes: Axes, k: int, column: int) -> AxesImage:
         drawn = panes[k][column].draw(axes, place)
-        if column == 0:
-            _draw_lines(axes, simulation, chosen[k][1], place)
+        if column or not lines:
+            return drawn
+        _, j = frame_pairs(experiment, simulation)[chosen[k].frame]
+        for line in (
+            skeletons(simulation.signal[j])
+            if simulation.order is None
+            else order_contours(simulation.order[j])
+        ):
+            if line.kind == "dark":  # thin enough to see what is below
+                figures.draw_line(
+                    axes, line.rows, line.cols, place, color=figures.OVERLAY_COLOUR,
+                    linewidth=figures.LINE_PT, scalex=False, scaley=False,
+                )  # fmt: skip
         return drawn
 
-    labels = [figures.plain_name(numbers.label, figures.SHORT_NAME) for *_, numbers in chosen]
-    notes = [f"{label}: {_caption(row[2])}" for label, row in zip(labels, chosen, strict=True)]
+    labels = [figures.plain_name(numbers.label, figures.SHORT_NAME) for numbers in chosen]
+    notes = [f"{label}: {_caption(row)}" for label, row in zip(labels, chosen, strict=True)]
+    bars = {
+        reporting.FRINGES: "difference of fringe order (fringes)",
+        reporting.SIGNAL: "difference of signal (0 to 1)",
+    }
     return figures.PaperPanels(
         kinds=[
             figures.PictureKind(
                 name=pane.key,
                 draw=partial(draw, column=column),
-                bar=_BARS[pane.unit] if pane.key == "difference" else "",
+                bar=bars[pane.unit] if pane.key == "difference" else "",
             )
             for column, pane in enumerate(panes[0])
         ],
@@ -152,7 +149,7 @@ def plot_side_by_side(
     if axes is not None and len(axes) != 3:
         raise InputError("axes_side_side_row", axes_count=len(axes))
     numbers = compare_pair(here, there, frame, pairs[frame])
-    (panes,), place = _panes_of(here, there, [(*pairs[frame], numbers)])
+    made = side_by_side_panels(here, there, {frame: numbers}, [frame], lines=lines)
     panels: Any = axes
     if axes is None:
         from matplotlib import pyplot
@@ -161,60 +158,34 @@ def plot_side_by_side(
         panels = pyplot.subplots(1, 3, layout="constrained", **many)[1]
     label = figures.plain_name(here.label(pairs[frame][0]), figures.SHORT_NAME)
     titles = (f"experiment: {label}", "simulation", "experiment − simulation")
-    for one, pane, title in zip(panels, panes, titles, strict=True):
-        drawn = pane.draw(one, place, title)
-    if lines:
-        _draw_lines(panels[0], there, pairs[frame][1], place)
-    figures.add_colour_bar(drawn, _BARS[panes[2].unit])
+    for one, kind, title in zip(panels, made.kinds, titles, strict=True):
+        drawn = kind.draw(one, 0)
+        one.set_title(title, loc="left")
+    figures.add_colour_bar(drawn, made.kinds[2].bar)
     return panels[0], panels[1], panels[2]
 
 
-def _draw_lines(axes: Axes, simulation: ComparedFrames, index: int, place: figures.Place) -> None:
-    """Overlay the simulation's dark-fringe centre lines, thin enough to see what is below."""
-    if simulation.order is not None:
-        result = order_contours(simulation.order[index])
-    else:
-        result = skeletons(simulation.signal[index])
-    look = {
-        "color": figures.OVERLAY_COLOUR,
-        "linewidth": figures.LINE_PT,
-        "scalex": False,
-        "scaley": False,
-    }
-    for line in result:
-        if line.kind == "dark":
-            figures.draw_line(axes, line.rows, line.cols, place, **look)
-
-
-_BARS = {
-    reporting.FRINGES: "difference of fringe order (fringes)",
-    reporting.SIGNAL: "difference of signal (0 to 1)",
-}
-"""What stands beside the colours of the differences, by their unit."""
-
-
 def _panes_of(
-    experiment: ComparedFrames,
-    simulation: ComparedFrames,
-    rows: Sequence[tuple[int, int, FrameMetrics]],
+    experiment: ComparedFrames, simulation: ComparedFrames, rows: Sequence[FrameMetrics]
 ) -> tuple[list[tuple[reporting.Pane, ...]], figures.Place]:
     """Experiment, simulation and difference of some pairs, each on one range; where they lie.
-
     Differences are in fringes where any pair has metrics of orders, else in signal units; the
-    frames' range of grey is that which 99 % of the pixels fill.
-    """
-    of_order = any(numbers.order_rms_fringe is not None for *_, numbers in rows)
-    pairs = [(experiment.signal[i], simulation.signal[j]) for i, j, _ in rows]
-    gaps = []
-    for (i, j, numbers), (measured, model) in zip(rows, pairs, strict=True):
+    frames' range of grey is that which 99 % of the pixels fill."""
+    of_order = any(numbers.order_rms_fringe is not None for numbers in rows)
+    pairs, shown = frame_pairs(experiment, simulation), []
+    for numbers in rows:
+        i, j = pairs[numbers.frame]
+        measured, model = experiment.signal[i], simulation.signal[j]
         if of_order and experiment.order is not None and simulation.order is not None:
-            gaps.append(experiment.order[i] - simulation.order[j])
+            gap = experiment.order[i] - simulation.order[j]
         else:
-            gaps.append(measured - (numbers.gain * model + numbers.offset))
-    bounds = [np.nanpercentile(image, (0.5, 99.5)) for pair in pairs for image in pair]
+            gap = measured - (numbers.gain * model + numbers.offset)
+        shown.append((measured, model, gap))
+    bounds = [np.nanpercentile(image, (0.5, 99.5)) for *pair, _ in shown for image in pair]
     low, high = float(np.min(bounds)), float(np.max(bounds))
     grey = (low, high) if high > low else (low - 0.5, high + 0.5)
-    limit, unit = figures.centred_limit(*gaps), reporting.FRINGES if of_order else reporting.SIGNAL
+    unit = reporting.FRINGES if of_order else reporting.SIGNAL
+    limit = figures.centred_limit(*(gap for *_, gap in shown))
     name = f"experiment − simulation, {'order N' if of_order else 'light'}"
     panes: list[tuple[reporting.Pane, ...]] = [
         (
@@ -222,13 +193,10 @@ def _panes_of(
             reporting.Pane("simulation", "simulation", model, grey, reporting.SIGNAL),
             reporting.Pane("difference", name, gap, (-limit, limit), unit),
         )
-        for (measured, model), gap in zip(pairs, gaps, strict=True)
+        for measured, model, gap in shown
     ]
     known = simulation if simulation.pixel_mm is not None else experiment
-    place: figures.Place = {
-        "pixel_mm": known.pixel_mm, "left_mm": known.left_mm, "top_mm": known.top_mm,
-    }  # fmt: skip
-    return panes, place
+    return panes, {"pixel_mm": known.pixel_mm, "left_mm": known.left_mm, "top_mm": known.top_mm}
 
 
 def _caption(numbers: FrameMetrics) -> str:
@@ -249,9 +217,6 @@ def _caption(numbers: FrameMetrics) -> str:
     return "  ·  ".join(parts)
 
 
-_TEXT = "A comparison asks nothing of the frames: the reports of its two sets say what was found."
-
-
 def comparison_report(
     experiment: ComparedFrames,
     simulation: ComparedFrames,
@@ -263,36 +228,36 @@ def comparison_report(
     metrics, columns = result.metrics, result.columns
     chosen = reporting.choose_frames(columns["rmse"], columns["rmse"])
     pairs = frame_pairs(experiment, simulation)
-    rows = [(*pairs[k], metrics[k]) for k in chosen]
-    panes, place = _panes_of(experiment, simulation, rows)
+    panes, place = _panes_of(experiment, simulation, [metrics[k] for k in chosen])
     frames = [
         reporting.ReportFrame(
-            number=numbers.frame,
-            label=numbers.label,
+            number=k,
+            label=metrics[k].label,
             why=why.replace("chi", "difference"),
-            panes=panes[row],
-            order=None if experiment.order is None else experiment.order[i],
-            model_order=None if simulation.order is None else simulation.order[j],
+            panes=pictures,
+            order=None if experiment.order is None else experiment.order[pairs[k][0]],
+            model_order=None if simulation.order is None else simulation.order[pairs[k][1]],
             **place,
         )
-        for row, (why, (i, j, numbers)) in enumerate(zip(chosen.values(), rows, strict=True))
+        for (k, why), pictures in zip(chosen.items(), panes, strict=True)
     ]
     few = ", for the reason that stands beside each" if len(chosen) < len(metrics) else ""
-    parts = []
+    text = f"correlation of the light (NCC) {output.over_items(columns['ncc'])}."
     if any(value is not None for value in columns["order_rms_fringe"]):
-        parts.append(f"orders differ by {over_items(columns['order_rms_fringe'])} fringe (RMS)")
-        parts.append(f"share on a wrong branch {over_items(columns['wrong_branch_share'])}")
-    parts.append(f"correlation of the light (NCC) {over_items(columns['ncc'])}")
-    text = "; ".join(parts)
+        orders, share = (
+            output.over_items(columns[n]) for n in ("order_rms_fringe", "wrong_branch_share")
+        )
+        text = f"orders differ by {orders} fringe (RMS); share on a wrong branch {share}; {text}"
     return reporting.ReportContent(
         command="compare",
         title=result.title,
-        verdict=f"{text[:1].upper()}{text[1:]}.",
+        verdict=f"{text[:1].upper()}{text[1:]}",
         frames=frames,
-        choice=f"{len(chosen)} of {counted(len(metrics), 'frame')} are shown{few}.",
+        choice=f"{len(chosen)} of {output.counted(len(metrics), 'frame')} are shown{few}.",
         no_budget="A comparison has none; those of its two sets stand in their own reports.",
         tables=[reporting.ReportTable("The metrics (metrics.csv)", columns)],
-        causes_text=_TEXT,
+        causes_text="A comparison asks nothing of the frames: the reports of its two sets say what "
+        "was found.",
         scene="" if scene is None else dump_scene(scene),
         scene_title="Scene of the experiment",
         paper=reporting.paper_rows(scene, record),
@@ -304,7 +269,7 @@ _SETS = "compared_sets"
 
 
 @dataclass(frozen=True, repr=False)
-class Comparison(Result):
+class Comparison(output.Result):
     """Every number for each pair of frames.
 
     Parameters
@@ -337,12 +302,12 @@ class Comparison(Result):
     @property
     def title(self) -> str:
         """How many pairs of frames were compared."""
-        return f"Comparison of {counted(len(self.metrics), 'frame')}"
+        return f"Comparison of {output.counted(len(self.metrics), 'frame')}"
 
     def main_values(self) -> Iterator[tuple[str, str]]:
         """The metrics that the command prints, over the frames."""
         for name in MAIN_METRICS:
-            yield name, over_items(self.columns[name])
+            yield name, output.over_items(self.columns[name])
 
     def to_json(self) -> dict[str, Any]:
         """The metrics of all frames."""
@@ -357,7 +322,9 @@ class Comparison(Result):
 
         `frames`: numbers of the pairs that are shown. Raises InputError where one is not there.
         """
-        return side_by_side_panels(*self.load(), self.metrics, frames)
+        few = output.evenly_spaced(range(len(self.metrics)), 3)
+        shown = figures.chosen_frames(frames, len(self.metrics), few)
+        return side_by_side_panels(*self.load(), self.metrics, shown)
 
 
 MAIN_METRICS = (
@@ -431,17 +398,19 @@ def compare(
         lambda: (load_frame_set(experiment), load_frame_set(simulation)),
     )
     if out is not None:
-        with staged(out) as folder:
-            write_csv(folder / "metrics.csv", result.columns)
+        with output.staged(out) as folder:
+            output.write_csv(folder / "metrics.csv", result.columns)
             sets = ((experiment, here, "experiment"), (simulation, there, "simulation"))
             inputs = [
                 given if isinstance(given, str | Path) else ArrayFrames(captured.signal, name)
                 for given, captured, name in sets
             ]
-            record = provenance(None, inputs)
+            record = output.provenance(None, inputs)
             on_disk = all(isinstance(given, str | Path) for given in (experiment, simulation))
             record[_SETS] = [str(experiment), str(simulation)] if on_disk else None
-            write_figure(folder / "comparison.png", side_by_side(here, there, result.metrics))
+            output.write_figure(
+                folder / "comparison.png", side_by_side(here, there, result.metrics)
+            )
             report = comparison_report(here, there, result, record, _scene_of(experiment))
             reporting.write_report(folder / REPORT, report)
             seal(folder, record)
@@ -450,13 +419,15 @@ def compare(
 
 def compared_again(record: Mapping[str, Any], name: str) -> reporting.ReportContent:
     """The report of two sets that were compared before, as they are on disk; `name`, the folder.
-
-    InputError where the sets were not files, are not there, or are others by now.
-    """
+    InputError where the sets were not files, are not there, or are others by now."""
     sets = record.get(_SETS)
     if not sets:
         raise InputError("compared_what_memory_does", name=name)
-    now = provenance(None, sets)["inputs_sha256"] if all(Path(s).exists() for s in sets) else {}
+    now = (
+        output.provenance(None, sets)["inputs_sha256"]
+        if all(Path(s).exists() for s in sets)
+        else {}
+    )
     if now != record.get("inputs_sha256"):
         raise InputError("another_now_not_there", name=name, sets=sets[0], sets_2=sets[1])
     here, there = (load_frame_set(one) for one in sets)

@@ -5,7 +5,8 @@ Residuals are experiment minus simulation. NaN is "not known" on either side and
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import compress
 from pathlib import Path
@@ -18,7 +19,7 @@ from scipy.spatial import cKDTree
 from isochrome.errors import InputError
 from isochrome.frames import CHANNELS, SAME, channel_for, open_frames, open_tiff
 from isochrome.fringes import Skeleton, order_contours, skeletons
-from isochrome.output import read_csv
+from isochrome.output import numbers, read_csv
 from isochrome.processing import PICTURE, Processed, corner_of
 from isochrome.runs import opened_record
 from isochrome.scene import Camera, FramesLike, Scene, load_scene
@@ -50,35 +51,31 @@ def skeleton_distance(
     by_order = all(line.order is not None for line in (*experiment, *simulation))
     if reach_px is None:
         reach_px = _REACH_KNOWN_PX if by_order else _REACH_PX
-    forth = _nearest(experiment, simulation, by_order)
-    back = _nearest(simulation, experiment, by_order)
-    sides = [each[(each <= reach_px) & np.isfinite(each)] for each in (forth, back)]
+    both = [(experiment, simulation), (simulation, experiment)]
+    distances = [_nearest(source, target, by_order) for source, target in both]
+    sides = [each[(each <= reach_px) & np.isfinite(each)] for each in distances]
     averages = [side.mean() for side in sides if side.size]
     mean_px = float(np.mean(averages)) if averages else np.nan
     return {
         "skeleton_distance_px": mean_px,
         "skeleton_distance_mm": np.nan if pixel_mm is None else mean_px * pixel_mm,
-        "skeleton_matched_share": sum(side.size for side in sides) / (forth.size + back.size),
+        "skeleton_matched_share": sum(s.size for s in sides) / sum(d.size for d in distances),
     }
 
 
 def _nearest(source: Sequence[Skeleton], target: Sequence[Skeleton], by_order: bool) -> Floats:
     """Distances in px from every source point to the nearest like target line; inf if none."""
-
-    def key(line: Skeleton) -> tuple[str, float | None]:
-        return line.kind, line.order if by_order else None
-
-    clouds: dict[tuple[str, float | None], list[Floats]] = {}
+    clouds = defaultdict[tuple[str, float | None], list[Floats]](list)
     for line in target:  # filled up, so that the nearest point is as near as the line itself
         run = np.r_[0.0, np.cumsum(np.hypot(np.diff(line.rows), np.diff(line.cols)))]
         at = np.union1d(np.arange(0.0, run[-1], _STEP_PX), run)
         points = np.column_stack([np.interp(at, run, each) for each in (line.rows, line.cols)])
-        clouds.setdefault(key(line), []).append(points)
-    trees = {name: cKDTree(np.vstack(parts)) for name, parts in clouds.items()}
+        clouds[line.kind, line.order if by_order else None].append(points)
+    trees = {like: cKDTree(np.vstack(parts)) for like, parts in clouds.items()}
     distances = [np.zeros(0)]
     for line in source:
         points = np.column_stack([line.rows, line.cols])
-        tree = trees.get(key(line))
+        tree = trees.get((line.kind, line.order if by_order else None))
         distances.append(np.full(len(points), np.inf) if tree is None else tree.query(points)[0])
     return np.concatenate(distances)
 
@@ -315,26 +312,28 @@ def compare_frames(experiment: ComparedFrames, simulation: ComparedFrames) -> li
 def compare_pair(
     experiment: ComparedFrames, simulation: ComparedFrames, index: int, pair: tuple[int, int]
 ) -> FrameMetrics:
-    """Compare a pair: its fringe lines are the order maps', or the signals', where both are
-    known."""
+    """Compare a pair: its fringe lines are the order maps', or the signals', where both are known.
+    Either is blank where the other has nothing to say."""
     i, j = pair
     label = (experiment if len(experiment) >= len(simulation) else simulation).label(index)
     measured, model = experiment.signal[i], simulation.signal[j]
     try:
-        numbers = compare_signals(measured, model, noise=experiment.noise_of(i))
+        metrics = compare_signals(measured, model, noise=experiment.noise_of(i))
     except InputError as error:
         raise InputError(f"frame {index} ({label}): " + error.message) from error
-    lines = list[list[Skeleton]]()
+    maps, of_orders = (measured, model), False
     if experiment.order is not None and simulation.order is not None:
-        maps = _known_in_both(experiment.order[i], simulation.order[j])
-        if np.isfinite(maps[0]).any():
-            numbers |= compare_orders(*maps)
-            lines = [order_contours(each) for each in maps]
-    lines = lines or [skeletons(each) for each in _known_in_both(measured, model)]
+        orders = experiment.order[i], simulation.order[j]
+        if np.isfinite(orders[0] - orders[1]).any():
+            metrics |= compare_orders(*orders)
+            maps, of_orders = orders, True
+    known = np.isfinite(maps[0]) & np.isfinite(maps[1])
+    both = (np.where(known, each, np.nan) for each in maps)
+    lines = [order_contours(one) if of_orders else skeletons(one) for one in both]
     if any(lines):
         scale = experiment.pixel_mm or simulation.pixel_mm
-        numbers |= skeleton_distance(lines[0], lines[1], pixel_mm=scale)
-    return FrameMetrics(frame=index, label=label, **numbers)
+        metrics |= skeleton_distance(*lines, pixel_mm=scale)
+    return FrameMetrics(frame=index, label=label, **metrics)
 
 
 def frame_pairs(experiment: ComparedFrames, simulation: ComparedFrames) -> list[tuple[int, int]]:
@@ -355,14 +354,6 @@ def frame_pairs(experiment: ComparedFrames, simulation: ComparedFrames) -> list[
     return [(min(index, here - 1), min(index, there - 1)) for index in range(max(here, there))]
 
 
-def _known_in_both(
-    measured: NDArray[Any], model: NDArray[Any]
-) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Blank either image where the other has nothing to say."""
-    known = np.isfinite(measured) & np.isfinite(model)
-    return np.where(known, measured, np.nan), np.where(known, model, np.nan)
-
-
 _SIGNALS = (("normalised.tif", "frames.csv"), ("frames.tif", "history.csv"))
 _ORDER = "fringe_order.tif"
 
@@ -372,11 +363,9 @@ SetToCompare = FramesLike | Processed | Simulation | ComparedFrames
 
 
 def load_frame_set(given: SetToCompare) -> ComparedFrames:
-    """Load frames (frame, row, col) to compare, as a signal of 0 to 1.
-
-    Of a result, in memory or a folder: `normalised.tif` or `frames.tif`, `fringe_order.tif`, labels
-    of `frames.csv` or `history.csv`, place of `scene.toml`. Else bare frames, as by `open_frames`.
-    """
+    """Load frames (frame, row, col) to compare, as a signal of 0 to 1. Of a result, in memory or a
+    folder: `normalised.tif` or `frames.tif`, `fringe_order.tif`, labels of `frames.csv` or
+    `history.csv`, place of `scene.toml`. Else bare frames, as by `open_frames`."""
     if isinstance(given, ComparedFrames):
         return given
     if isinstance(given, Processed | Simulation):
@@ -398,41 +387,34 @@ def load_frame_set(given: SetToCompare) -> ComparedFrames:
 
 def _of_result(result: Processed | Simulation) -> ComparedFrames:
     """The frames of a result whose maps are in memory, at the place that was found."""
+    name, scene, table = result.title, result.scene, result.columns
     if result.frames is None:
-        raise InputError("maps_folder_written_name", title=result.title)
+        raise InputError("maps_folder_written_name", title=name)
     if isinstance(result, Simulation):
-        stack, order, scene = result.frames, result.orders, result.scene
-    else:
-        stack, order = np.stack([frame.maps()["normalised"] for frame in result.frames]), None
-        scene = result.fitted or result.scene
-        readings = [frame.reading for frame in result.frames]
-        if any(readings):
-            blank = np.full(stack.shape[1:], np.nan, np.float32)
-            order = np.stack([reading.order if reading else blank for reading in readings])
-    table = result.columns
-    if PICTURE in table:
-        table = _of_pictures(table, [at is not None for at in table[PICTURE]])
-    simulated = isinstance(result, Simulation)
-    return _compared(stack, order, scene, table, name=result.title, simulated=simulated)
+        return _compared(result.frames, result.orders, scene, table, name=name, simulated=True)
+    stack, order = np.stack([frame.maps()["normalised"] for frame in result.frames]), None
+    readings = [frame.reading for frame in result.frames]
+    if any(readings):
+        blank = np.full(stack.shape[1:], np.nan, np.float32)
+        order = np.stack([reading.order if reading else blank for reading in readings])
+    return _compared(stack, order, result.fitted or scene, table, name=name)
 
 
 def _load_result(folder: Path, signal_name: str, table_name: str) -> ComparedFrames:
     opened_record(folder, (signal_name, _ORDER, table_name, "scene.toml"))
-    stack, pixel_mm = _read_stack(folder / signal_name)
-    file = folder / _ORDER
-    order = _read_stack(file)[0].astype(np.float32, copy=False) if file.exists() else None
+    # (frame, row, col[, 3]) in their own type
+    source, order = open_tiff(folder / signal_name), None
+    stack = np.stack([raw.image for raw in source.frames(0)])
+    if (folder / _ORDER).exists():
+        pages = [raw.image for raw in open_tiff(folder / _ORDER).frames(0)]
+        order = np.stack(pages).astype(np.float32, copy=False)
     table = read_csv(folder / table_name) if (folder / table_name).exists() else {}
-    if PICTURE in table:
-        shown = np.isfinite(table[PICTURE])
-        table = _of_pictures(table, shown)
-        if order is not None and len(order) == len(shown):  # a page for every frame
-            order = order[shown]
     fitted = folder / "fitted_scene.toml"  # with the place that was found
     resolved = fitted if fitted.is_file() else folder / "scene.toml"
     scene = load_scene(resolved if resolved.exists() else {"specimen": {}})
     return _compared(
         stack, order, scene, table, name=str(folder / signal_name),
-        simulated=signal_name == "frames.tif", pixel_mm=pixel_mm,
+        simulated=signal_name == "frames.tif", pixel_mm=source.pixel_mm,
     )  # fmt: skip
 
 
@@ -443,11 +425,12 @@ def _compared(
     table: Mapping[str, Sequence[Any]],
     *,
     name: str,
-    simulated: bool,
+    simulated: bool = False,
     pixel_mm: float | None = None,
 ) -> ComparedFrames:
     """A result's frames (frame, row, col[, channel]) as a signal of 0 to 1; `table`, of
     frames.csv."""
+    table, order = _of_pictures(table, order)
     camera, steps = scene.camera or Camera(), scene.polariscope.frames_a_state
     signal = _one_channel(scaled(stack, camera.bit_depth), scene)
     if order is not None and steps > 1 and len(signal) == steps * len(order):
@@ -457,8 +440,8 @@ def _compared(
             "has_shape_beside_folder", name=name, shape=signal.shape, order=_ORDER,
             shape_2=order.shape,
         )  # fmt: skip
-    length = len(next(iter(table.values()), ()))
-    if table and length != len(signal):
+    length = len(next(iter(table.values()), signal))
+    if length != len(signal):
         raise InputError(
             "table_has_rows_frames", name=name, length=length, signal_count=len(signal)
         )
@@ -468,14 +451,32 @@ def _compared(
     noise = table.get("noise", [])  # of each frame, where the table has it as numbers
     known = len(noise) and all(isinstance(value, float) for value in noise)
     return ComparedFrames(
-        signal=signal,
-        order=order,
-        pixel_mm=pixel_mm or camera.pixel_mm,
-        left_mm=left_mm,
-        top_mm=top_mm,
-        labels=_labels(table, len(signal)),
+        signal=signal, order=order, pixel_mm=pixel_mm or camera.pixel_mm, left_mm=left_mm,
+        top_mm=top_mm, labels=tuple(map(str, table.get("label", ()))),
         noise=np.array(noise) if known else None,
-    )
+    )  # fmt: skip
+
+
+def _of_pictures(
+    table: Mapping[str, Sequence[Any]], order: NDArray[Any] | None
+) -> tuple[Mapping[str, Sequence[Any]], NDArray[Any] | None]:
+    """Rows and orders of a tracked video's key frames, which alone have pictures."""
+    if PICTURE not in table:
+        return table, order
+    shown = np.isfinite(numbers(table[PICTURE]))
+    if order is not None and len(order) == len(shown):  # a page for every frame
+        order = order[shown]
+    return {name: list(compress(values, shown)) for name, values in table.items()}, order
+
+
+def _one_channel(signal: NDArray[Any], scene: Scene) -> NDArray[Any]:
+    """Reduce colour to the channel that the scene names, else the nearest to its wavelength."""
+    if signal.ndim == 3:
+        return signal
+    channel = scene.frames.channel or channel_for(scene.polariscope.wavelength_nm)
+    if channel == "mean":
+        return np.asarray(signal.mean(axis=3, dtype=np.float32))
+    return signal[..., CHANNELS.index(channel)]
 
 
 def scaled(image: NDArray[Any], bit_depth: int | None = None) -> NDArray[np.floating]:
@@ -488,41 +489,3 @@ def scaled(image: NDArray[Any], bit_depth: int | None = None) -> NDArray[np.floa
             "pixel_counts_frames_bits", max=int(image.max()), bit_depth=bit_depth, full=full
         )
     return image.astype(np.float32) / np.float32(full)
-
-
-def _read_stack(path: Path) -> tuple[NDArray[Any], float | None]:
-    """A TIFF as (frame, row, col[, 3]) in its own type, and its pixel's side (mm)."""
-    source = open_tiff(path)
-    return np.stack([raw.image for raw in source.frames(0)]), source.pixel_mm
-
-
-def _one_channel(stack: NDArray[Any], scene: Scene) -> NDArray[Any]:
-    """Reduce colour to the channel that the scene names, else the nearest to its wavelength."""
-    if stack.ndim == 3:
-        return stack
-    channel = scene.frames.channel or channel_for(scene.polariscope.wavelength_nm)
-    if channel == "mean":
-        return np.asarray(stack.mean(axis=3, dtype=np.float32))
-    return stack[..., CHANNELS.index(channel)]
-
-
-def _of_pictures(table: Mapping[str, Sequence[Any]], shown: Iterable[bool]) -> dict[str, list[Any]]:
-    """The rows of a tracked video's key frames, which alone have pictures."""
-    flags = list(shown)
-    return {name: list(compress(values, flags)) for name, values in table.items()}
-
-
-def _labels(table: Mapping[str, Sequence[Any]], count: int) -> tuple[str, ...]:
-    """Name the frames: by their label, else by sliding distance and named state."""
-    if "label" in table:
-        return tuple(str(name) for name in table["label"])
-    names, distances = (table.get(n) or [None] * count for n in ("state", "distance_m"))
-    labels = []
-    for index, (state, distance) in enumerate(zip(names, distances, strict=True)):
-        name = state.strip() if isinstance(state, str) else ""
-        if isinstance(distance, float) and distance > 0:
-            name = f"sliding, {distance:g} m"
-        elif isinstance(distance, float) and distance == 0 and not name:
-            name = "static" if index == 0 else "initial sliding"
-        labels.append(name or f"frame {index}")
-    return tuple(labels)

@@ -41,10 +41,9 @@ class SimulatedScar:
     x_mm: Array
     depth_um: Array  # worn depth (n,)
     edges_mm: tuple[float, float]
+    worn_area_mm2: float  # ∫h dx
     moved_um: Mapping[str, Array]  # of the depth
-    moved_area_mm2: Mapping[str, float]
-    moved_width_mm: Mapping[str, float]
-    moved_depth_um: Mapping[str, float]  # of the largest depth
+    moved: Mapping[str, Array]  # of the worn area (mm²), the width (mm), the largest depth (µm)
 
     @property
     def width_mm(self) -> float:
@@ -52,14 +51,10 @@ class SimulatedScar:
         return self.edges_mm[1] - self.edges_mm[0]
 
     @property
-    def centre_mm(self) -> float:
-        """Middle between the edges, mm."""
-        return 0.5 * (self.edges_mm[0] + self.edges_mm[1])
-
-    @property
-    def worn_area_mm2(self) -> float:
-        """Worn area ∫h dx, mm²."""
-        return float(1e-3 * np.trapezoid(self.depth_um, self.x_mm))
+    def spreads(self) -> tuple[float, float, float]:
+        """Standard uncertainties of area (mm²), width (mm) and largest depth (µm) by the inputs."""
+        area, width, depth = root_sum_square(self.moved) * np.ones(3)
+        return float(area), float(width), float(depth)
 
     def on_bins(self, x_mm: Array, values: Array) -> Array:
         """Means (m,) of a profile (n,) of this scar over equal bins about places (m,), mm."""
@@ -79,63 +74,49 @@ def root_sum_square(moved: Mapping[str, Any]) -> Any:
 
 
 def simulated_scars(scene: Scene, distances_m: Sequence[float]) -> list[SimulatedScar]:
-    """Simulate a scene's scars, and how its stated uncertainties move them.
-
-    Each input is moved by its standard uncertainty to both sides: dh = (h(+u) - h(-u))/2, which is
-    h's derivative times u to the second order.
-    """
+    """Simulate a scene's scars, and how its stated uncertainties move them. Each input is moved by
+    its standard uncertainty to both sides: dh = (h(+u) - h(-u))/2, which is h's derivative times u
+    to the second order."""
     if scene.wear is None:
         raise InputError("has_no_wear_which", name=scene.name)
+
+    def states(one: Scene) -> list[SurfaceState]:
+        return contact_states(one)[-len(distances_m) :]  # a static one may come first
+
     worn = scene.with_values({"wear.distances_m": tuple(distances_m)})
-    keys = [k for k, u in scene.uncertainties.items() if k.split(".")[0] in _PARTS and u > 0.0]
-    states, moved = _states(worn), {}
-    for key in keys:
-        value, spread = worn.get(key), scene.uncertainties[key]
+    sides = {}
+    for key, spread in scene.uncertainties.items():
+        if key.split(".")[0] not in _PARTS or not spread > 0.0:
+            continue
         try:
-            sides = [worn.with_values({key: value + side * spread}) for side in (1.0, -1.0)]
+            moved = [worn.with_values({key: worn.get(key) + side * spread}) for side in (1.0, -1.0)]
         except InputError as error:
             raise InputError(
                 "standard_uncertainty", name=scene.name, key=key, spread=spread, error=error
             ) from error
-        moved[key] = tuple(map(_states, sides))
-    return [
-        _scar(state, {key: (more[i], less[i]) for key, (more, less) in moved.items()})
-        for i, state in enumerate(states)
-    ]
-
-
-def _states(scene: Scene) -> list[SurfaceState]:
-    """The worn states: the static one that may come first is left out."""
-    assert scene.wear is not None
-    return contact_states(scene)[-len(scene.wear.distances_m) :]
-
-
-def _scar(
-    state: SurfaceState, moved: dict[str, tuple[SurfaceState, SurfaceState]]
-) -> SimulatedScar:
-    x = state.grid.x_mm
-
-    def moves(measure: Callable[[SurfaceState], Any]) -> dict[str, Any]:
-        """What each input moves of something that is measured in a state."""
-        return {key: 0.5 * (measure(more) - measure(less)) for key, (more, less) in moved.items()}
-
-    def profile(one: SurfaceState) -> Array:
-        return np.interp(x, one.grid.x_mm, _depth(one), left=0.0, right=0.0)
-
-    return SimulatedScar(
-        distance_m=state.distance_m,
-        x_mm=x,
-        depth_um=_depth(state),
-        edges_mm=_edges(state),
-        moved_um=moves(profile),
-        moved_area_mm2=moves(lambda one: one.worn_area_mm2),
-        moved_width_mm=moves(lambda one: float(np.diff(_edges(one))[0])),
-        moved_depth_um=moves(lambda one: float(profile(one).max())),
-    )
-
-
-def _depth(state: SurfaceState) -> Array:
-    return 1e3 * state.wear_depth_mm
+        sides[key] = [states(one) for one in moved]
+    result = []
+    for i, state in enumerate(states(worn)):
+        x = state.grid.x_mm
+        profiles, numbers = dict[str, Array](), dict[str, Array]()
+        for key, (more, less) in sides.items():
+            up, down = (
+                np.interp(x, one.grid.x_mm, 1e3 * one.wear_depth_mm, left=0.0, right=0.0)
+                for one in (more[i], less[i])
+            )
+            profiles[key] = 0.5 * (up - down)
+            area = more[i].worn_area_mm2 - less[i].worn_area_mm2
+            width = np.diff(_edges(more[i]))[0] - np.diff(_edges(less[i]))[0]
+            numbers[key] = 0.5 * np.array([area, width, up.max() - down.max()])
+        depth = 1e3 * state.wear_depth_mm
+        result.append(
+            SimulatedScar(
+                distance_m=state.distance_m, x_mm=x, depth_um=depth, edges_mm=_edges(state),
+                worn_area_mm2=float(1e-3 * np.trapezoid(depth, x)), moved_um=profiles,
+                moved=numbers,
+            )
+        )  # fmt: skip
+    return result
 
 
 def _edges(state: SurfaceState) -> tuple[float, float]:
@@ -197,11 +178,8 @@ class ScarPair:
     @property
     def area_difference_mm2(self) -> tuple[float, float]:
         """Measured less simulated worn area, and its standard uncertainty, mm²."""
-        measured = float(root_sum_square(self.scar.moved_area_mm2))
-        return (
-            self.trace.worn_area_mm2 - self.scar.worn_area_mm2,
-            float(np.hypot(self.trace.worn_area_uncertainty_mm2, measured)),
-        )
+        spread = np.hypot(self.trace.worn_area_uncertainty_mm2, self.scar.spreads[0])
+        return self.trace.worn_area_mm2 - self.scar.worn_area_mm2, float(spread)
 
 
 def pair_scar(trace: LevelledTrace, scar: SimulatedScar) -> ScarPair:
@@ -212,7 +190,7 @@ def pair_scar(trace: LevelledTrace, scar: SimulatedScar) -> ScarPair:
     δh δhᵀ + u_shift² h' h'ᵀ, chi² = dᵀ C⁻¹ d/n. A deeper or wider scar stays in the middle: h' is
     odd.
     """
-    first = trace.centre_mm - scar.centre_mm
+    first = trace.centre_mm - 0.5 * sum(scar.edges_mm)
     fitted = _both(trace, scar, first)
     root = np.linalg.cholesky(definite(trace.depth_covariance_um2[np.ix_(fitted, fitted)]))
 
@@ -233,18 +211,12 @@ def pair_scar(trace: LevelledTrace, scar: SimulatedScar) -> ScarPair:
     d = difference[inside]
     part = definite(covariance[np.ix_(inside, inside)])
     return ScarPair(
-        trace=trace,
-        scar=scar,
-        shift_mm=shift,
-        shift_uncertainty_mm=spread,
-        x_mm=x,
-        simulated_um=simulated,
-        simulated_uncertainty_um=np.sqrt(np.sum(inputs**2, axis=0)),
-        difference_um=difference,
-        difference_uncertainty_um=np.sqrt(np.diag(covariance)),
+        trace=trace, scar=scar, shift_mm=shift, shift_uncertainty_mm=spread, x_mm=x,
+        simulated_um=simulated, simulated_uncertainty_um=np.sqrt(np.sum(inputs**2, axis=0)),
+        difference_um=difference, difference_uncertainty_um=np.sqrt(np.diag(covariance)),
         rms_um=float(np.sqrt(np.mean(d**2))),
         chi=float(np.sqrt(d @ np.linalg.solve(part, d) / len(d))),
-    )
+    )  # fmt: skip
 
 
 def _both(trace: LevelledTrace, scar: SimulatedScar, shift: float) -> NDArray[np.intp]:
@@ -253,47 +225,6 @@ def _both(trace: LevelledTrace, scar: SimulatedScar, shift: float) -> NDArray[np
     low, high = min(left, scar.edges_mm[0]), max(right, scar.edges_mm[1])
     x = trace.x_mm - shift
     return np.flatnonzero((x >= low) & (x <= high))
-
-
-def scar_columns(name: str, scar: SimulatedScar, pair: ScarPair | None) -> dict[str, Any]:
-    """A row of metrics.csv; None where the trace shows no scar."""
-    trace = pair.trace if pair else None
-    area, spread = pair.area_difference_mm2 if pair else (None, None)
-    return {
-        "trace": name,
-        "distance_m": scar.distance_m,
-        "shift_mm": pair and pair.shift_mm,
-        "shift_uncertainty_mm": pair and pair.shift_uncertainty_mm,
-        "measured_area_mm2": trace and trace.worn_area_mm2,
-        "measured_area_uncertainty_mm2": trace and trace.worn_area_uncertainty_mm2,
-        "simulated_area_mm2": scar.worn_area_mm2,
-        "simulated_area_uncertainty_mm2": float(root_sum_square(scar.moved_area_mm2)),
-        "area_difference_mm2": area,
-        "area_difference_uncertainty_mm2": spread,
-        "measured_width_mm": trace and trace.width_mm,
-        "measured_width_uncertainty_mm": trace and float(np.hypot(*trace.edge_uncertainty_mm)),
-        "simulated_width_mm": scar.width_mm,
-        "simulated_width_uncertainty_mm": float(root_sum_square(scar.moved_width_mm)),
-        "simulated_depth_um": float(scar.depth_um.max()),
-        "simulated_depth_uncertainty_um": float(root_sum_square(scar.moved_depth_um)),
-        "difference_rms_um": pair and pair.rms_um,
-        "difference_chi": pair and pair.chi,
-    }
-
-
-def profile_columns(name: str, pair: ScarPair) -> dict[str, Any]:
-    """The rows of scars.csv for one trace."""
-    return {
-        "trace": [name] * len(pair.x_mm),
-        "distance_m": [pair.scar.distance_m] * len(pair.x_mm),
-        "x_mm": pair.x_mm,
-        "measured_um": pair.trace.depth_um,
-        "measured_uncertainty_um": np.sqrt(np.diag(pair.trace.depth_covariance_um2)),
-        "simulated_um": pair.simulated_um,
-        "simulated_uncertainty_um": pair.simulated_uncertainty_um,
-        "difference_um": pair.difference_um,
-        "difference_uncertainty_um": pair.difference_uncertainty_um,
-    }
 
 
 _APART = 3.0
@@ -332,12 +263,54 @@ class ScarComparison(output.Result):
     @property
     def columns(self) -> dict[str, list[Any]]:
         """Those of metrics.csv, a row a trace."""
-        return output.columns_of([scar_columns(*trace) for trace in self.traces])
+        rows = []
+        for name, scar, pair in self.traces:  # None where a trace shows no scar
+            trace = pair.trace if pair else None
+            edges = trace and trace.edge_uncertainty_mm
+            area, spread = pair.area_difference_mm2 if pair else (None, None)
+            area_spread, width_spread, depth_spread = scar.spreads
+            rows.append(
+                {
+                    "trace": name,
+                    "distance_m": scar.distance_m,
+                    "shift_mm": pair and pair.shift_mm,
+                    "shift_uncertainty_mm": pair and pair.shift_uncertainty_mm,
+                    "measured_area_mm2": trace and trace.worn_area_mm2,
+                    "measured_area_uncertainty_mm2": trace and trace.worn_area_uncertainty_mm2,
+                    "simulated_area_mm2": scar.worn_area_mm2,
+                    "simulated_area_uncertainty_mm2": area_spread,
+                    "area_difference_mm2": area,
+                    "area_difference_uncertainty_mm2": spread,
+                    "measured_width_mm": trace and trace.width_mm,
+                    "measured_width_uncertainty_mm": edges and float(np.hypot(*edges)),
+                    "simulated_width_mm": scar.width_mm,
+                    "simulated_width_uncertainty_mm": width_spread,
+                    "simulated_depth_um": float(scar.depth_um.max()),
+                    "simulated_depth_uncertainty_um": depth_spread,
+                    "difference_rms_um": pair and pair.rms_um,
+                    "difference_chi": pair and pair.chi,
+                }
+            )
+        return output.columns_of(rows)
 
     @property
     def profiles(self) -> dict[str, Any]:
         """Columns of scars.csv: depths over x of each trace that shows a scar."""
-        rows = [profile_columns(name, pair) for name, _, pair in self.traces if pair is not None]
+        rows = [
+            {
+                "trace": [name] * len(pair.x_mm),
+                "distance_m": [scar.distance_m] * len(pair.x_mm),
+                "x_mm": pair.x_mm,
+                "measured_um": pair.trace.depth_um,
+                "measured_uncertainty_um": np.sqrt(np.diag(pair.trace.depth_covariance_um2)),
+                "simulated_um": pair.simulated_um,
+                "simulated_uncertainty_um": pair.simulated_uncertainty_um,
+                "difference_um": pair.difference_um,
+                "difference_uncertainty_um": pair.difference_uncertainty_um,
+            }
+            for name, scar, pair in self.traces
+            if pair is not None
+        ]
         return {name: np.concatenate([row[name] for row in rows]) for name in rows[0]}
 
     @property
@@ -375,7 +348,7 @@ class ScarComparison(output.Result):
     def main_values(self) -> Iterator[tuple[str, str]]:
         """Measured and simulated worn area of each trace."""
         for name, scar, pair in self.traces:
-            model = simulated_text(scar.worn_area_mm2, float(root_sum_square(scar.moved_area_mm2)))
+            model = simulated_text(scar.worn_area_mm2, scar.spreads[0])
             area = "no clear scar"
             if pair is not None:
                 trace = pair.trace
@@ -401,43 +374,38 @@ class ScarComparison(output.Result):
             rows.append((members[0][1], pairs, colour))
         half = _BESIDE * 0.5 * max(scar.width_mm for scar in self.scars)
 
-        def plot(title: str, draw: Callable[[Axes], None], *, down: bool = True) -> figures.Plot:
+        def plot(title: str, draw: Callable[[Axes], None], label: str = "depth (µm)") -> None:
             def within(axes: Axes) -> None:
                 draw(axes)
                 axes.set_xlim(-half, half)
-                if down:
+                if label.startswith("depth"):
                     axes.invert_yaxis()
-                figures.style_axes(axes, x_label="x (mm)", z_label="depth (µm)" if down else "")
+                figures.style_axes(axes, x_label="x (mm)", z_label=label)
 
-            return figures.Plot(title=title, draw=within)
+            plots.append(figures.Plot(title=title, draw=within))
 
         def measured(axes: Axes) -> None:
             for scar, traces, colour in rows:
                 if traces:  # their mean
-                    x, name = traces[0][1].x_mm, f"{scar.distance_m:g} m"
+                    x = traces[0][1].x_mm
                     each = [np.interp(x, pair.x_mm, pair.trace.depth_um) for _, pair in traces]
-                    axes.plot(
-                        x, np.mean(each, axis=0), color=colour, lw=figures.LINE_PT, label=name
-                    )
+                    mean, name = np.mean(each, axis=0), f"{scar.distance_m:g} m"
+                    axes.plot(x, mean, color=colour, lw=figures.LINE_PT, label=name)
             figures.add_legend(axes, loc="lower right")
 
         def simulated(axes: Axes) -> None:
             for row in rows:
                 _draw_simulated(axes, row)
 
-        def overlay(axes: Axes, row: _Row) -> None:
-            _draw_simulated(axes, row, colour=figures.INK, lw=figures.BOLD_PT, label="simulated")
-            _draw_traces(axes, row, lambda pair: pair.trace.depth_um)
-            figures.add_legend(axes, loc="lower right")
-
-        plots, notes = [plot("measured", measured), plot("simulated", simulated)], []
+        plots: list[figures.Plot] = []
+        plot("measured", measured)
+        plot("simulated", simulated)
         for row in rows:
             name = f"{row[0].distance_m:g} m"
-            plots.append(plot(name, partial(overlay, row=row)))
+            plot(name, partial(_draw_overlay, row=row))
             gap = partial(_draw_gap, row=row)
-            plots.append(plot(f"{name}, measured − simulated", gap, down=False))
-            notes.append(_note(row))
-        notes.append(f"Bands: ± {figures.BAND:g} standard uncertainties.")
+            plot(f"{name}, measured − simulated", gap, "difference (µm)")
+        notes = [*map(_note, rows), f"Bands: ± {figures.BAND:g} standard uncertainties."]
         return figures.PaperPanels(plots=plots, plots_across=2, notes=notes)
 
     def figure(self) -> Figure:
@@ -480,10 +448,8 @@ def compare_scars(
             output.write_csv(folder / "metrics.csv", result.columns)
             output.write_csv(folder / "scars.csv", result.profiles)
             output.write_figure(folder / "scars.png", result.figure())
-            seal(
-                folder,
-                output.provenance(dump_scene(scene), [*files, *scene.files(of_frames=False)]),
-            )
+            inputs = [*files, *scene.files(of_frames=False)]
+            seal(folder, output.provenance(dump_scene(scene), inputs))
     return result
 
 
@@ -553,14 +519,20 @@ def _draw_simulated(axes: Axes, row: _Row, **look: Any) -> None:
     figures.draw_band(axes, scar.x_mm, scar.depth_um, spread, **look)
 
 
+def _draw_overlay(axes: Axes, row: _Row) -> None:
+    """The traces of a distance over its simulated scar."""
+    _draw_simulated(axes, row, colour=figures.INK, lw=figures.BOLD_PT, label="simulated")
+    _draw_traces(axes, row, lambda pair: pair.trace.depth_um)
+    figures.add_legend(axes, loc="lower right")
+
+
 def _draw_traces(axes: Axes, row: _Row, depth: Callable[[ScarPair], Array]) -> None:
     """A depth of each trace of a distance, paler from trace to trace."""
     _, traces, colour = row
     for number, (name, pair) in enumerate(traces):
         look = {"color": colour, "lw": figures.LINE_PT, "alpha": 1.0 - 0.6 * number / len(traces)}
-        axes.plot(
-            pair.x_mm, depth(pair), label=figures.plain_name(name, figures.SHORT_NAME), **look
-        )
+        label = figures.plain_name(name, figures.SHORT_NAME)
+        axes.plot(pair.x_mm, depth(pair), label=label, **look)
 
 
 def _draw_gap(axes: Axes, row: _Row) -> None:
@@ -572,15 +544,12 @@ def _draw_gap(axes: Axes, row: _Row) -> None:
         pair = traces[0][1]
         band = figures.BAND * pair.difference_uncertainty_um
         axes.fill_between(pair.x_mm, -band, band, color=colour, alpha=0.2, lw=0)
-    figures.style_axes(axes, z_label="difference (µm)")
 
 
 def _note(row: _Row) -> str:
     """Worn areas, in 1e-3 mm², the mean of the traces' beside the simulated one; the difference."""
     scar, traces, _ = row
-    model = simulated_text(
-        1e3 * scar.worn_area_mm2, 1e3 * float(root_sum_square(scar.moved_area_mm2))
-    )
+    model = simulated_text(1e3 * scar.worn_area_mm2, 1e3 * scar.spreads[0])
     head = f"{scar.distance_m:g} m: worn area (1e-3 mm²)"
     if not traces:
         nothing = message("measured_simulated_nothing_compare")

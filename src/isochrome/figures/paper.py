@@ -1,8 +1,6 @@
 """Figures for a paper: one size of letters, panels lettered, and the data of each curve as CSV.
 
-Matplotlib lays them out; the height is what the pictures need at the width. What is taller than a
-page is laid out closer: pictures beside each other, lower plots, and at last without the plots
-that may be missing.
+Matplotlib lays them out; the height is what the pictures need at the width.
 """
 
 from __future__ import annotations
@@ -12,6 +10,7 @@ import math
 import re
 import textwrap
 import warnings
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain, count, product
@@ -165,22 +164,19 @@ ENVELOPE = "least, most"
 
 
 def curve_columns(axes: Axes) -> dict[str, Array]:
-    """The data of the curves of a plot, as columns for a spreadsheet, NaN where one is shorter.
-
-    x and y of each curve, the ends of its band or bar; several curves over one x have it once, and
-    one that is drawn twice stands once.
-    """
+    """The data of the curves of a plot, as columns for a spreadsheet, NaN where one is shorter. x
+    and y of each curve, the ends of its band or bar, of Axes and of those over them; several curves
+    over one x have it once, and one that is drawn twice stands once."""
     columns: dict[str, Array] = {}
-    last: Array | None = None
     drawn: list[list[Array]] = []
-    for name, place, up, x, values in _all_curves(axes):
+    for name, across, up, x, values in _curves(axes):
         curve = [x, *values.values()]
         if any(len(curve) == len(old) and all(map(_same, curve, old)) for old in drawn):
             continue  # a line with a band, and its points with bars
+        if not drawn or not _same(drawn[-1][0], x):
+            across = f"{name}: {across}" if across in columns and name else across
+            columns[_free(columns, across)] = x
         drawn.append(curve)
-        if last is None or not _same(last, x):
-            place = f"{name}: {place}" if place in columns and name else place
-            columns[_free(columns, place)] = last = x
         for ending, column in values.items():
             columns[_free(columns, ": ".join(filter(None, (name, f"{up}{ending}"))))] = column
     longest = max((len(column) for column in columns.values()), default=0)
@@ -190,77 +186,67 @@ def curve_columns(axes: Axes) -> dict[str, Array]:
     return columns
 
 
-def _all_curves(axes: Axes) -> Iterator[tuple[str, str, str, Array, dict[str, Array]]]:
+_Curve = tuple[str, Array, dict[str, Array]]
+"""Name, x and values of a curve: its own, and the ends of its band, by what follows its name."""
+
+
+def _curves(axes: Axes) -> Iterator[tuple[str, str, str, Array, dict[str, Array]]]:
     """Curves of Axes and of those over them: name, what is across and up, x, values."""
-    across = _plain(axes.get_xlabel()) or "x"
+    from matplotlib.container import ErrorbarContainer
+
+    label = _plain(axes.get_xlabel()) or "x"
     others = [one for one in axes.get_shared_x_axes().get_siblings(axes) if one is not axes]
     for scale in (axes, *others):
         up = _plain(scale.get_ylabel()) or "y"
-        for name, x, values in _curves(scale):  # bars stand beside their names
-            place, quantity = (across, up) if x.dtype.kind == "f" else ("input", across)
-            yield name, place, quantity, x, values
+        bars = [one.lines for one in scale.containers if isinstance(one, ErrorbarContainer)]
+        of_bars = {artist for line, caps, _ in bars for artist in (line, *caps)}
+        for name, x, values in chain(_bars(scale), _lines(scale, of_bars)):
+            # bars stand beside their names
+            yield name, *((label, up) if x.dtype.kind == "f" else ("input", label)), x, values
 
 
-def _curves(axes: Axes) -> Iterator[tuple[str, Array, dict[str, Array]]]:
-    """Name, x and values of each curve, band and set of bars."""
-    from matplotlib.collections import PolyCollection
-    from matplotlib.colors import to_rgb
+def _bars(axes: Axes) -> Iterator[_Curve]:
+    """Points with the ends of their bars, and bars beside their names."""
     from matplotlib.container import BarContainer, ErrorbarContainer
 
-    held = set[Any]()
     for bars in axes.containers:
         if isinstance(bars, ErrorbarContainer):
-            held |= {bars.lines[0], *bars.lines[1]}
-            yield from _error_bars(bars)
+            line, _, sticks = bars.lines
+            x, y = (np.asarray(part, dtype=float) for part in line.get_data())
+            values = {"": y}
+            ends = [np.asarray(stick)[:, 1] for stick in sticks[0].get_segments()] if sticks else []
+            if len(ends) == len(y) > 0:
+                values |= {" low": np.array(ends)[:, 0], " high": np.array(ends)[:, 1]}
+            if len(x):  # else no frame is of this kind
+                yield _name(bars), x, values
         elif isinstance(bars, BarContainer):
-            yield from _bars(axes, bars)
+            names = [label.get_text().replace("\n", " ") for label in axes.get_yticklabels()]
+            widths = np.array([patch.get_width() for patch in bars.patches], dtype=float)
+            if len(names) == len(widths):
+                yield "", np.array(names)[::-1], {"": widths[::-1]}
+
+
+def _lines(axes: Axes, of_bars: set[Any]) -> Iterator[_Curve]:
+    """Lines but those `of_bars`, each with the ends of the bands in its colour."""
+    from matplotlib.collections import PolyCollection
+    from matplotlib.colors import to_rgb
+
     bands = [band for band in axes.collections if isinstance(band, PolyCollection)]
     for line in axes.lines:
-        x, y = _points(line)
-        if line in held or line.get_transform() != axes.transData or not len(x):
+        x, y = (np.asarray(part, dtype=float) for part in line.get_data())
+        if line in of_bars or line.get_transform() != axes.transData or not len(x):
             continue
         colour = [*to_rgb(line.get_color())]
         same = [b for b in bands if np.ravel(b.get_facecolor())[:3].tolist() == colour]
         bands = [band for band in bands if band not in same]
         values = {"": y}
         for band in same:
-            values |= _ends(band, x)
+            corners = np.concatenate([path.vertices for path in band.get_paths()])
+            at = np.where(corners[:, 0] == x[:, None], corners[:, 1], np.nan)
+            low, high = (ENVELOPE if _name(band) == ENVELOPE else "low, high").split(", ")
+            values[f" {low}"] = np.fmin.reduce(at, axis=1)
+            values[f" {high}"] = np.fmax.reduce(at, axis=1)
         yield _name(line), x, values
-
-
-def _points(line: Any) -> tuple[Array, Array]:
-    return np.asarray(line.get_xdata(), dtype=float), np.asarray(line.get_ydata(), dtype=float)
-
-
-def _error_bars(bars: Any) -> Iterator[tuple[str, Array, dict[str, Array]]]:
-    """Points with the ends of their bars; none where no frame is of this kind."""
-    line, _, sticks = bars.lines
-    x, y = _points(line)
-    if len(x):
-        ends = [np.asarray(stick)[:, 1] for stick in sticks[0].get_segments()] if sticks else []
-        values = {"": y}
-        if len(ends) == len(y):
-            values |= {" low": np.array(ends)[:, 0], " high": np.array(ends)[:, 1]}
-        yield _name(bars), x, values
-
-
-def _bars(axes: Axes, bars: Any) -> Iterator[tuple[str, Array, dict[str, Array]]]:
-    names = [label.get_text().replace("\n", " ") for label in axes.get_yticklabels()]
-    widths = np.array([patch.get_width() for patch in bars.patches], dtype=float)
-    if len(names) == len(widths):
-        yield "", np.array(names)[::-1], {"": widths[::-1]}
-
-
-def _ends(band: Any, x: Array) -> dict[str, Array]:
-    """Lower and upper end of a band at places."""
-    ends: dict[float, tuple[float, float]] = {}
-    for path in band.get_paths():
-        for at, y in path.vertices.tolist():
-            low, high = ends.get(at, (y, y))
-            ends[at] = min(low, y), max(high, y)
-    columns = np.array([ends.get(at, (np.nan, np.nan)) for at in x.tolist()])
-    names = ENVELOPE if _name(band) == ENVELOPE else "low, high"
-    return {f" {name}": columns[:, k] for k, name in enumerate(names.split(", "))}
 
 
 def _name(artist: Any) -> str:
@@ -400,10 +386,8 @@ def figure_for_page(result: Result, style: FigureStyle) -> tuple[Figure, tuple[s
 
 
 def panels_figure(panels: PaperPanels, head: str, *, picture_mm: float = 80.0) -> Figure:
-    """The same panels for a screen, all of them, with their numbers, below a head.
-
-    Pictures are `picture_mm` wide or more; all kinds of an item stand beside each other.
-    """
+    """The same panels for a screen, all of them, with their numbers, below a head. Pictures are
+    `picture_mm` wide or more; all kinds of an item stand beside each other."""
     style = FigureStyle(width_mm=_SCREEN_MM, numbers=True)
     rows = _picture_rows(panels, _SCREEN_MM, least_mm=picture_mm)
     return _drawn(panels, style, rows, list(panels.plots), head=head)
@@ -411,8 +395,9 @@ def panels_figure(panels: PaperPanels, head: str, *, picture_mm: float = 80.0) -
 
 def _split(items: Sequence[Any], most: int) -> list[list[Any]]:
     """Rows of one length, or nearly, of at most so many items."""
-    across = math.ceil(len(items) / math.ceil(len(items) / max(1, most)))
-    return [list(items[k : k + across]) for k in range(0, len(items), across)]
+    rows = math.ceil(len(items) / max(1, most))
+    across = math.ceil(len(items) / max(1, rows))
+    return [list(items[k : k + across]) for k in range(0, len(items), max(1, across))]
 
 
 def _picture_rows(
@@ -432,17 +417,13 @@ def _picture_rows(
     return [row for group in groups for row in _split(group, int(width_mm / least_mm))]
 
 
-def _plot_rows(panels: PaperPanels, style: FigureStyle, plots: Sequence[Plot]) -> list[list[Plot]]:
-    return _split(plots, min(int(style.width_mm / _PLOT_MM), panels.plots_across)) if plots else []
-
-
 def _plot_heights(
-    panels: PaperPanels, style: FigureStyle, plots: Sequence[Plot], *, lowest: bool = False
+    panels: PaperPanels, style: FigureStyle, rows: Sequence[Sequence[Plot]], *, lowest: bool
 ) -> list[float]:
     """Heights (mm) of the rows of plots with titles and labels, and of the legend below them."""
     share = 1.0 if style.width_mm >= _COLUMN_MM else 0.8
     heights = []
-    for row in _plot_rows(panels, style, plots):
+    for row in rows:
         sizes = [(share * plot.height_mm, plot.least_mm) for plot in row]
         tall = max(min(size) if lowest else size[0] for size in sizes)
         heights.append(tall + 4.0 * PAPER_LINE_MM)
@@ -466,7 +447,9 @@ def _drawn(
 ) -> Figure:
     """The figure with its pictures in rows; texts may be long, and Matplotlib gives them room."""
     notes = "\n".join(fold(note, style.width_mm - 2.0) for note in panels.notes if style.numbers)
-    heights = _plot_heights(panels, style, plots, lowest=lowest)
+    most = min(int(style.width_mm / _PLOT_MM), panels.plots_across)
+    plot_rows = _split(plots, most)
+    heights = _plot_heights(panels, style, plot_rows, lowest=lowest)
     head = "\n".join(fold(line, style.width_mm - 8.0) for line in head.splitlines())
     blocks = {
         "pictures": sum(0.75 * style.width_mm / len(rows[0]) + _AROUND_MM for _ in rows),
@@ -489,10 +472,9 @@ def _drawn(
     if rows:
         pictures = _draw_pictures(parts["pictures"], panels, rows, style.width_mm, letters)
     if plots:
-        _draw_plots(parts["plots"], panels, style, plots, heights, letters)
+        _draw_plots(parts["plots"], panels, style, plot_rows, heights, letters)
     if notes:
         parts["notes"].text(0.01, 1.0, notes, va="top").set_in_layout(False)
-    _one_size(figure)
     _lay_out(figure, grid, blocks, pictures, head_mm)
     return figure
 
@@ -501,10 +483,14 @@ def _lay_out(
     figure: Figure, grid: GridSpec, blocks: dict[str, float], pictures: list[list[Axes]],
     head_mm: float,
 ) -> None:  # fmt: skip
-    """Make the figure as high as its pictures are at their width.
+    """Give every letter the paper's size, and the figure the height of its pictures at their width.
+    All places are rounded then, so that the same figure is the same file each time."""
+    from matplotlib.text import Text
 
-    All places are rounded then, so that the same figure is the same file each time.
-    """
+    for drawn in figure.findobj(lambda artist: hasattr(artist, "tick_params")):
+        drawn.tick_params(labelsize=PAPER_PT, length=2.0, width=0.6)  # type: ignore[attr-defined]
+    for text in figure.findobj(Text):
+        text.set(fontsize=PAPER_PT)
     engine: Any = figure.get_layout_engine()
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", r"Glyph .* missing from font")
@@ -540,11 +526,11 @@ def _draw_pictures(
     shown = [[part.add_subplot(grid[r, c]) for c in range(len(row))] for r, row in enumerate(rows)]
     room = (width_mm - _AROUND_MM) / cols - 2.0
     below: dict[int, list[Axes]] = {}
-    images: dict[int, list[Any]] = {}
+    images = defaultdict[int, list[Any]](list)
     for row, cells in zip(shown, rows, strict=True):
         for axes, (j, k) in zip(row, cells, strict=True):
             kind = panels.kinds[j]
-            images.setdefault(j, []).append(kind.draw(axes, k))
+            images[j].append(kind.draw(axes, k))
             below[j] = [one for one, cell in zip(row, cells, strict=True) if cell[0] == j]
             words = (kind.name if len(panels.kinds) > 1 else "", panels.labels[k])
             marked = any(not line.get_clip_on() for line in axes.lines)  # above the picture too
@@ -589,12 +575,14 @@ def _draw_plots(
     part: SubFigure,
     panels: PaperPanels,
     style: FigureStyle,
-    plots: Sequence[Plot],
+    rows: Sequence[Sequence[Plot]],
     heights: list[float],
     letters: Iterator[str],
 ) -> None:
-    """Draw the plots in rows, each with its title over its numbers too, and a legend below all."""
-    rows = _plot_rows(panels, style, plots)
+    """Draw the plots in rows, each with its title over its numbers too, and a legend below all.
+    Numbers, a label and names of lines have room in a plot, beside the names of bars."""
+    from matplotlib.ticker import AutoLocator
+
     cols = max(map(len, rows))
     room = style.width_mm / cols - 3.0
     grid = part.add_gridspec(len(heights), cols, height_ratios=heights)
@@ -610,41 +598,21 @@ def _draw_plots(
             write_head(panel, fold(f"{letter} {plot.title}", room), x=0.01, ha="left")
             axes.set_gid(f"{_PLOT}{letter.strip('()')}")
             axes.set_ylabel(fold(axes.get_ylabel(), heights[r] - 4.0 * PAPER_LINE_MM))
-            _fit_numbers(axes, room)
+            names = max((len(text.get_text()) for text in axes.get_yticklabels()), default=0)
+            axes.set_xlabel(fold(axes.get_xlabel(), room - _LETTER_MM * names))
+            if isinstance(axes.xaxis.get_major_locator(), AutoLocator):
+                axes.locator_params(axis="x", nbins=max(2, min(int((room - 25.0) / _AROUND_MM), 6)))
+            legend = axes.get_legend()
+            for name in legend.get_texts() if legend else ():
+                name.set_text(fold(name.get_text(), 0.6 * (room - _AROUND_MM)))
     if panels.legend:
         foot = part.add_subfigure(grid[len(rows), :])
         add_legend(foot, *entries, loc="upper center", ncols=_legend_columns(panels, style))
 
 
-def _fit_numbers(axes: Axes, room_mm: float) -> None:
-    """Numbers, a label and names of lines that have room in a plot, beside the names of bars."""
-    from matplotlib.ticker import AutoLocator
-
-    names = max((len(text.get_text()) for text in axes.get_yticklabels()), default=0)
-    axes.set_xlabel(fold(axes.get_xlabel(), room_mm - _LETTER_MM * names))
-
-    if isinstance(axes.xaxis.get_major_locator(), AutoLocator):
-        axes.locator_params(axis="x", nbins=max(2, min(int((room_mm - 25.0) / _AROUND_MM), 6)))
-    legend = axes.get_legend()
-    for name in legend.get_texts() if legend else ():
-        name.set_text(fold(name.get_text(), 0.6 * (room_mm - _AROUND_MM)))
-
-
-def _one_size(figure: Figure) -> None:
-    """Give every letter of a figure the size of the paper's."""
-    from matplotlib.text import Text
-
-    for axes in figure.findobj(lambda artist: hasattr(artist, "tick_params")):
-        axes.tick_params(labelsize=PAPER_PT, length=2.0, width=0.6)  # type: ignore[attr-defined]
-    for text in figure.findobj(Text):
-        text.set(fontsize=PAPER_PT)
-
-
 def _missing_mm(row: Sequence[Axes]) -> float:
     """What the pictures of a row lack in height, or have too much, to be as wide as their place.
-
-    Numbers and labels below a picture that ends above its place are no room too much.
-    """
+    Numbers and labels below a picture that ends above its place are no room too much."""
     lacking = []
     for axes in row:
         axes.apply_aspect()

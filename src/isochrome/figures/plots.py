@@ -64,11 +64,9 @@ def draw_course(
     axis: Axes, place: Array, values: Array, spread: Array | None = None, *,
     colour: Any = style.LINE_COLOURS[0], **line: Any,
 ) -> Array:  # fmt: skip
-    """Draw values over places with their band; of many, neighbours are one point.
-
-    Their mean, in an envelope of all their values, and one of all their bands. Gives which are
-    drawn, rising: those with a place, and of few those that are known.
-    """
+    """Draw values over places with their band; of many, neighbours are one point. Their mean, in an
+    envelope of all their values, and one of all their bands. Gives which are drawn, rising: those
+    with a place, and of few those that are known."""
     order = np.argsort(place, kind="stable")[: int(np.isfinite(place).sum())]
     # a line goes on over frames without the key, and breaks where a video's frame tells nothing
     drawn = order[np.isfinite(values[order])] if len(order) <= _FEW else order
@@ -104,11 +102,8 @@ def course_plot(title: str, across: str, place: Array, values: Array) -> Plot:
 
 
 def draw_values(axis: Axes, table: FrameValues, key: str) -> None:
-    """Draw a key over the frames, or the distance, with its band.
-
-    Frames that stand still are squares at the distance 0, key frames dots, and frames found by a
-    full search circles.
-    """
+    """Draw a key over the frames, or the distance, with its band. Frames that stand still are
+    squares at the distance 0, key frames dots, and frames found by a full search circles."""
     j = table.keys.index(key)
     values, spread = table.values[:, j], table.standard_uncertainty[:, j]
     place, across = frame_axis(table)
@@ -142,29 +137,28 @@ def _mark(axis: Axes, table: FrameValues, place: Array, values: Array) -> None:
             axis.plot(place[which], values[which], ls="", label=data_name(name), **look)
 
 
-def draw_chi(axis: Axes, table: FrameValues) -> None:
-    """Draw chi over the frames, or the distance."""
-    place, across = frame_axis(table)
-    draw_course(axis, place, table.chi, colour=style.GREY, lw=style.LINE_PT)
-    _mark(axis, table, place, table.chi)
-    style.style_axes(axis, x_label=across, z_label="chi")
-
-
 def values_plots(table: FrameValues) -> list[Plot]:
     """A plot of each key over the frames with its band, and one of chi."""
+
+    def draw_chi(axis: Axes) -> None:
+        place, across = frame_axis(table)
+        draw_course(axis, place, table.chi, colour=style.GREY, lw=style.LINE_PT)
+        _mark(axis, table, place, table.chi)
+        style.style_axes(axis, x_label=across, z_label="chi")
+
     draws: dict[str, Any] = {
         KEY_LABELS.get(key, key): partial(draw_values, table=table, key=key) for key in table.keys
     }
-    draws["chi"] = partial(draw_chi, table=table)
-    return [Plot(title=title, draw=draw, height_mm=30.0) for title, draw in draws.items()]
+    return [
+        Plot(title=title, draw=draw, height_mm=30.0)
+        for title, draw in (draws | {"chi": draw_chi}).items()
+    ]
 
 
 def budget_plot(title: str, parts: Mapping[str, float], *, unit: str) -> Plot:
     """An uncertainty budget as bars, the first on top, each with its share: a plot high enough.
-
     Small contributions are drawn in a power of ten of the unit, for Matplotlib's own would stand in
-    the label's place.
-    """
+    the label's place."""
     parts = {name: part for name, part in parts.items() if part > 0.0 and np.isfinite(part)}
     tall = max(30.0, 5.0 * (len(parts) + 1))
     largest = max(parts.values(), default=1.0)
@@ -200,21 +194,19 @@ def place_of_image(
 ) -> style.Place:
     """The place of an image: as its coordinates z_mm and x_mm say, or as it is given."""
     coords = getattr(image, "coords", {})
-    if pixel_mm is None and "x_mm" in coords and "z_mm" in coords:
-        x, z = (np.asarray(coords[name], dtype=float) for name in ("x_mm", "z_mm"))
-        if x.ndim == z.ndim == 1 and min(x.size, z.size) > 1:
-            pixel = float(x[-1] - x[0]) / (x.size - 1)
-            left = float(x[0]) - 0.5 * pixel + _own_shift(coords, "x")
-            top = float(z[0]) - 0.5 * pixel + _own_shift(coords, "z")
-            return {"pixel_mm": pixel, "left_mm": left, "top_mm": top}
-    return {"pixel_mm": pixel_mm, "left_mm": left_mm, "top_mm": top_mm}
-
-
-def _own_shift(coords: Any, name: str) -> float:
-    """How far (mm) the one frame that an image is lies from its axis, where that is known."""
-    shifts = (coords.get(f"{start}shift_{name}_mm") for start in ("", "key_"))
-    result = next((float(at) for at in shifts if at is not None and np.ndim(at) == 0), 0.0)
-    return result if np.isfinite(result) else 0.0
+    given: style.Place = {"pixel_mm": pixel_mm, "left_mm": left_mm, "top_mm": top_mm}
+    if pixel_mm is not None or not {"x_mm", "z_mm"} <= set(coords):
+        return given
+    x, z = (np.asarray(coords[name], dtype=float) for name in ("x_mm", "z_mm"))
+    if x.ndim != 1 or z.ndim != 1 or min(x.size, z.size) < 2:
+        return given
+    pixel, edges = float(x[-1] - x[0]) / (x.size - 1), []
+    for axis, name in ((x, "shift_x_mm"), (z, "shift_z_mm")):
+        shifts = (coords.get(f"{start}{name}") for start in ("", "key_"))
+        # of the one frame that an image is, where it is known
+        shift = next((float(at) for at in shifts if at is not None and np.ndim(at) == 0), 0.0)
+        edges.append(float(axis[0]) - 0.5 * pixel + (shift if np.isfinite(shift) else 0.0))
+    return {"pixel_mm": pixel, "left_mm": edges[0], "top_mm": edges[1]}
 
 
 def plot_frame(

@@ -1,8 +1,6 @@
 """What every picture of the program shares: size, fonts, colour maps, millimetre axes.
 
-Matplotlib's object interface on the Agg canvas only: no pyplot, no global state, so that a
-figure made in a thread or in a notebook disturbs nobody. Matplotlib is imported inside the
-functions because most commands draw nothing.
+No pyplot and no global state, so that a figure made in a thread or a notebook disturbs nobody.
 """
 
 from __future__ import annotations

@@ -1,30 +1,27 @@
-from .api import check_scene, process
+from .api import anchor_preview, check, check_scene, process, process_frame
 from .figure import Shown, plot_order, process_report, set_figure
-from .frame_task import own_scene
-from .kinds.image_only import says_a_half
-from .kinds.kind import kind_of
+from .kinds.image_only import AnchorPreview, PatchOrders, part_change, says_a_half
+from .kinds.kind import kind_of, own_scene
 from .kinds.tracked import FINEST_STEP, TrackedFilm, order_step
 from .kinds.with_model import placed_disc
-from .one_frame import (
-    AnchorPreview,
+from .result import (
+    FOUND_BY,
+    PICTURE,
+    SPREAD,
     FrameResult,
     FrameValue,
-    PatchOrders,
-    anchor_preview,
-    check,
-    part_change,
-    process_frame,
-)
-from .processed import (
     Processed,
+    ProcessedFrame,
+    cell_values,
     collect,
+    corner_of,
     restore,
+    row_of_set,
     tabulate_set,
     with_past_friction,
     with_past_loads,
     with_scatter_of_gamma,
 )
-from .result import FOUND_BY, PICTURE, SPREAD, ProcessedFrame, cell_values, corner_of, row_of_set
 
 __all__ = [
     "FINEST_STEP",

@@ -1,8 +1,7 @@
 """`process`: the fringe order of every captured frame, chunk by chunk, in bounded memory.
 
-The files that `process` makes when all frames are done: tables, figure, dataset, scene.
-
-A chunk of a set: what is found in its frames, as pictures, rows and parts of files.
+`process_frame`: one frame of a set, without the others. `check`: what is wrong with frames, and
+what one of them asks for, before a long run.
 """
 
 from __future__ import annotations
@@ -11,51 +10,41 @@ import io
 import math
 import zipfile
 from collections import defaultdict
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from functools import partial
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 import isochrome
-from isochrome.errors import InputError
-from isochrome.frames import FrameReader, absolute, input_files, open_scene_frames, with_file_scale
+from isochrome import output, runs
+from isochrome.errors import InputError, PhysicsError
+from isochrome.fitting import LOAD
+from isochrome.frames import (
+    Check,
+    Finding,
+    Frame,
+    FrameReader,
+    Level,
+    absolute,
+    input_files,
+    look_through,
+    open_scene_frames,
+    with_file_scale,
+)
 from isochrome.fringes import skeleton_table
 from isochrome.messages import frame_messages, message
-from isochrome.output import (
-    add_rois,
-    columns_of,
-    counted,
-    csv_text,
-    imagej_view,
-    load_roifile,
-    numbers,
-    replacing,
-    roi_entries,
-    write_csv,
-    write_figure,
-    write_text,
-    write_tiff,
-)
 from isochrome.processing.figure import (
     PREVIEW,
     process_report,
-    run_figure,
+    processed_panels,
     set_figure,
     shown_items,
     write_preview,
-)
-from isochrome.processing.frame_task import (
-    FrameSource,
-    FrameTask,
-    close_kept,
-    count_of,
-    identity_of,
-    open_set,
-    release_caches,
 )
 from isochrome.processing.kinds.kind import (
     CONFIDENCE,
@@ -63,90 +52,62 @@ from isochrome.processing.kinds.kind import (
     MOST_IN_MEMORY,
     ORDER,
     FrameKind,
+    FrameSource,
+    FrameTask,
     accepts_keys,
+    close_kept,
+    count_of,
+    identity_of,
     kind_of,
+    open_set,
+    own_scene,
+    release_caches,
 )
-from isochrome.processing.processed import (
+from isochrome.processing.result import (
     FIGURE,
+    PICTURE,
+    Capture,
+    FrameResult,
     Processed,
+    ProcessedFrame,
     collect,
-    refuse_unread,
     restore,
     set_grid,
     shift_of,
     tabulate_set,
 )
-from isochrome.processing.result import PICTURE, ProcessedFrame
 from isochrome.progress import RunProgress, Tally
 from isochrome.reporting import write_report
-from isochrome.runs import (
-    PROVENANCE,
-    REPORT,
-    STORE,
-    Column,
-    Job,
-    Layer,
-    Results,
-    RunFolder,
-    RunLayout,
-    RunOptions,
-    WorkerPool,
-    add_columns,
-    attributes,
-    chunk_size,
-    column,
-    holds_results,
-    make_dataset,
-    open_run,
-    parts,
-    refuse_without_folder,
-    rows,
-    run_job,
-    single_threaded,
-    stored_arrays,
-    trim_heap,
-    working_folder,
-    write_stack,
-)
-from isochrome.scene import (
-    FramesLike,
-    Scene,
-    SceneLike,
-    check_pixel,
-    dump_scene,
-    frames_of,
-    load_scene,
-)
+from isochrome.runs import Column
+from isochrome.scene import FramesLike, Scene, SceneLike, check_pixel, dump_scene, frames_of
 from isochrome.simulation import picture_axes
-from isochrome.stress import PixelGrid
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from isochrome.fringes import ResidualStress
+    from isochrome.processing.kinds.image_only import AnchorPreview
     from isochrome.runs import RunDataset
 
 LINES, ROIS = "skeleton.csv", "skeleton.zip"
 
-FILM = (ORDER.name, CONFIDENCE.name)
-"""Maps of every frame of a video that is followed."""
 
-
-def set_layout(source: FrameSource, count: int) -> RunLayout:
+def set_layout(source: FrameSource, count: int) -> runs.RunLayout:
     """What a set's run leaves: its maps over frame, row and column."""
-    rows, cols = source.reader.shape
+    height, width = source.reader.shape
     kind = source.task.kind
-    return RunLayout(
-        axes={"frame": count}, shape={"row": rows, "col": cols},
+    return runs.RunLayout(
+        axes={"frame": count}, shape={"row": height, "col": width},
         layers=kind.layers(source.task.scene),
-        chunk=kind.key_step or chunk_size(count, 4 * rows * cols), every=kind.key_step or 1,
+        chunk=kind.key_step or runs.chunk_size(count, 4 * height * width),
+        every=kind.key_step or 1,
     )  # fmt: skip
 
 
-def process_chunk(task: FrameTask, start: int, stop: int) -> Results:
-    """What is found in the states [start, stop) of a set, which are let go one by one.
-
-    Raises InputError, PhysicsError.
-    """
-    layers = task.kind.layers(task.scene)
+def process_chunk(task: FrameTask, start: int, stop: int) -> runs.Results:
+    """What is found in the states [start, stop) of a set, which are let go one by one. Raises
+    InputError, PhysicsError."""
+    scene, layers = task.scene, task.kind.layers(task.scene)
     pictures = defaultdict[str, list[Any]](list)
     rows, more = [], []
     tables: list[str] = []
@@ -155,51 +116,45 @@ def process_chunk(task: FrameTask, start: int, stop: int) -> Results:
         item = _within(item, layers)
         if task.preview is not None:
             write_preview(task.preview, item)
-        rows.append(task.kind.row(item, task.scene))
-        more.append(more_of(item, task.scene))
         for layer in layers:
             if layer.compact is not None:
                 made = item.maps().get(layer.name)
                 pictures[layer.name].append(None if made is None else layer.compact.pack(made))
             elif item.normalised is not None:
                 pictures[layer.name].append(picture_of(item, layer.name, item.normalised.shape))
-        if item.normalised is None:
-            continue
+        rows.append(task.kind.row(item, scene))
+        more.append(more_of(item, scene))
         # with a model, which can draw them anew, for who asks alone
         wanted = task.rois or (item.fit is None and task.kind.draws_lines)
-        if lines := item.skeleton() if wanted else []:
-            left, top = item.corner_mm(task.scene)
+        if lines := item.skeleton() if wanted and item.normalised is not None else []:
+            left, top = item.corner_mm(scene)
             points = skeleton_table(lines, pixel_mm=item.pixel_mm, left_mm=left, top_mm=top)
             number = np.full(len(points["line"]), item.index)
-            tables.append(csv_text({"frame": number, **points}, header=not tables))
+            tables.append(output.csv_text({"frame": number, **points}, header=not tables))
         if task.rois:
-            rois += roi_entries(lines, item.index)
+            rois += output.roi_entries(lines, item.index)
     parts = {LINES: "".join(tables).encode()} if tables else {}
     if task.rois:
         data = io.BytesIO()
         with zipfile.ZipFile(data, "w") as archive:
-            add_rois(archive, rois)
+            output.add_rois(archive, rois)
         parts[ROIS] = data.getvalue()
-    return Results(pictures, rows, more, parts)
+    return runs.Results(pictures, rows, more, parts)
 
 
-def _within(item: ProcessedFrame, layers: Sequence[Layer]) -> ProcessedFrame:
+def _within(item: ProcessedFrame, layers: Sequence[runs.Layer]) -> ProcessedFrame:
     """A frame, that says where its orders go beyond what the store's steps reach."""
-    kind = next((layer.compact for layer in layers if layer.name == ORDER.name), None)
-    if kind is None or item.reading is None:
+    step = next((layer.compact for layer in layers if layer.name == ORDER.name), None)
+    if step is None or item.reading is None:
         return item
-    above = int(np.count_nonzero(item.reading.order > kind.largest))
-    if not above:
-        return item
-    text = message("pixels_have_orders_above", above=above, largest=kind.largest)
-    return replace(item, warnings=(*item.warnings, text))
+    above = int(np.count_nonzero(item.reading.order > step.largest))
+    text = message("pixels_have_orders_above", above=above, largest=step.largest)
+    return replace(item, warnings=(*item.warnings, text)) if above else item
 
 
 def picture_of(item: ProcessedFrame, name: str, shape: tuple[int, ...]) -> np.ndarray:
-    """A layer's picture of a frame (rows, cols).
-
-    Where it has none, no order is known, and none can be relied on.
-    """
+    """A layer's picture of a frame (rows, cols). Where it has none, no order is known, and none can
+    be relied on."""
     if (result := item.maps().get(name)) is not None:
         return result
     return np.full(shape, 0.0 if name == CONFIDENCE.name else np.nan, dtype=np.float32)
@@ -210,205 +165,172 @@ def more_of(item: ProcessedFrame, scene: Scene) -> dict[str, Any]:
     left, top = item.corner_mm(scene)
     return {
         "status": item.status, "messages": frame_messages(item.warnings), "time_s": item.time_s,
-        "left_mm": left, "top_mm": top, "read": item.reading is not None,
-        "kept": item.reading.kept if item.reading is not None else None,
+        "left_mm": left, "top_mm": top,
     }  # fmt: skip
 
 
-_COORDINATES = ("frame", "name", "label", "distance_m", "time_s")
-_MORE = ("status", "time_s", "left_mm", "top_mm")
-
-
 def finish_set_folder(
-    out: Path, job: Job, task: FrameTask, residual: ResidualStress | None, run_folder: RunFolder
-) -> Processed:
-    """Make the files that need all frames, from what is kept of their chunks.
-
-    `out`, where the results will lie; `residual`, what was taken out of the frames. PhysicsError
-    where nothing could be read in any frame.
-    """
+    out: Path, job: runs.Job, task: FrameTask, residual: ResidualStress | None,
+    run_folder: runs.RunFolder,
+) -> Processed:  # fmt: skip
+    """Make the files that need all frames, from what is kept of their chunks, for `out`."""
     release_caches()
     folder, scene, shape = run_folder.results, task.scene, task.reader.shape
-    table = tabulate_set(row for row, _ in rows(run_folder))
-    more = columns_of(others for _, others in rows(run_folder))
-    refuse_unread(scene, str(task.reader.path), table, more["kept"])
-    result = collect(scene, table, more, None, shape, residual)
+    more = output.columns_of(others for _, others in runs.rows(run_folder))
+    table = tabulate_set(row for row, _ in runs.rows(run_folder))
+    result = collect(scene, table, more, None, shape, residual, name=str(task.reader.path))
     table = result.columns
-    write_csv(folder / "frames.csv", table)
+    output.write_csv(folder / "frames.csv", table)
     _join_lines(run_folder, task)
     if result.fitted is not None:
-        write_text(folder / "fitted_scene.toml", dump_scene(result.fitted))
-    write_text(folder / "scene.toml", dump_scene(scene))
+        output.write_text(folder / "fitted_scene.toml", dump_scene(result.fitted))
+    output.write_text(folder / "scene.toml", dump_scene(scene))
     _add_to_store(run_folder, job, result, more, shape)
-    stored = stored_arrays(folder)
+    stored = runs.stored_arrays(folder)
     draw = partial(set_figure, scene, table, shown_items(table, stored, more["status"]))
     more.clear()  # a picture needs room: of a long run no more than the table is left then
-    trim_heap()
-    result = replace(result, draw=draw, load=partial(open_run, out))
-    write_figure(folder / FIGURE, result.figure())
-    trim_heap()
-    write_report(folder / REPORT, process_report(stored, result, job.identity))
+    runs.trim_heap()
+    result = replace(result, draw=draw, load=partial(runs.open_run, out))
+    output.write_figure(folder / FIGURE, result.figure())
+    runs.trim_heap()
+    write_report(folder / runs.REPORT, process_report(stored, result, job.identity))
     return result
 
 
 def _add_to_store(
-    run_folder: RunFolder, job: Job, result: Processed, more: dict[str, Any], shape: tuple[int, int]
-) -> None:
-    """Add the table to run.zarr, and what ImageJ shows to the stacks.
-
-    The columns as arrays live no longer than this: a long run's are as large as its table.
-    """
+    run_folder: runs.RunFolder, job: runs.Job, result: Processed, more: dict[str, Any],
+    shape: tuple[int, int],
+) -> None:  # fmt: skip
+    """Add the table to run.zarr, and write the stacks with what ImageJ shows of them. The columns
+    as arrays live no longer than this: a long run's are as large as its table."""
+    layout, table = run_folder.layout, result.columns
     columns, axes = _set_columns(result, more, shape)
-    add_columns(run_folder.results / STORE, columns, axes, attributes(job.identity))
-    grid = set_grid(result.scene, result.fitted, result.columns, shape)
+    about = runs.attributes(job.identity)
+    runs.add_columns(run_folder.results / runs.STORE, columns, axes, about)
+    grid = set_grid(result.scene, result.fitted, table, shape)
     place: dict[str, Any] = {"pixel_mm": None} if grid is None else grid.scale
-    _write_stacks(run_folder, result.columns, axes, place)
+    names = [str(label or name) for label, name in zip(table["label"], table["name"], strict=True)]
+    highest = output.numbers(table.get("n_max", ()))
+    largest = float(np.nanmax(highest)) if np.isfinite(highest).any() else 1.0
+    for layer in layout.layers:
+        pages = layout.paged_items(layer)
+        view = output.imagej_view(
+            layer.name, (0.0, largest), labels=[names[k] for k in pages],
+            times_s=[axes["time_s"].values[k] for k in pages], **place,
+        )  # fmt: skip
+        runs.write_stack(run_folder, layer, view, pixel_mm=place["pixel_mm"])
     if (residual := result.residual) is not None:
-        for layer, name in (("fringe_order", "order"), ("isoclinic", "isoclinic")):
-            view = imagej_view(layer, (0.0, residual.largest), labels=["without load"], **place)
+        span, labels = (0.0, residual.largest), ["without load"]
+        for layer_name, name in (("fringe_order", "order"), ("isoclinic", "isoclinic")):
+            view = output.imagej_view(layer_name, span, labels=labels, **place)
             path, values = run_folder.results / f"residual_{name}.tif", getattr(residual, name)
-            write_tiff(path, values[None], pixel_mm=place["pixel_mm"], metadata=view)
+            output.write_tiff(path, values[None], pixel_mm=place["pixel_mm"], metadata=view)
 
 
-def _join_lines(run_folder: RunFolder, task: FrameTask) -> None:
+def _join_lines(run_folder: runs.RunFolder, task: FrameTask) -> None:
     """skeleton.csv where a line was found, and skeleton.zip where it was asked for."""
-    if next(parts(run_folder, LINES), None) is not None:
-        with replacing(run_folder.results / LINES) as beside, open(beside, "wb") as file:
-            for number, part in enumerate(parts(run_folder, LINES)):  # the head of the first alone
+    if next(runs.parts(run_folder, LINES), None) is not None:
+        with output.replacing(run_folder.results / LINES) as beside, open(beside, "wb") as file:
+            for number, part in enumerate(runs.parts(run_folder, LINES)):
+                # the head of the first alone
                 file.write(part if number == 0 else part.partition(b"\n")[2])
     if task.rois:
         with (
-            replacing(run_folder.results / ROIS) as beside,
+            output.replacing(run_folder.results / ROIS) as beside,
             zipfile.ZipFile(beside, "w") as archive,
         ):
-            for part in parts(run_folder, ROIS):
+            for part in runs.parts(run_folder, ROIS):
                 with zipfile.ZipFile(io.BytesIO(part)) as inner:
-                    add_rois(archive, ((name, inner.read(name)) for name in inner.namelist()))
+                    entries = ((name, inner.read(name)) for name in inner.namelist())
+                    output.add_rois(archive, entries)
 
 
 def process_in_memory(source: FrameSource, count: int, progress: RunProgress | None) -> Processed:
     """All states, kept in memory."""
     task, shape, flagged = source.task, source.reader.shape, 0
-    kind = task.kind
-    pictures = -(-count // (kind.key_step or 1))
-    needed = 4 * len(kind_of(task.scene).layers(task.scene)) * pictures
-    film: dict[str, list[np.ndarray]] = {}
-    if kind.maps_of_all:
-        film = {name: [] for name in FILM}
-        needed += 4 * len(FILM) * count
-    needed *= math.prod(shape)
+    kind, layers = task.kind, task.kind.layers(task.scene)
+    few = -(-count // (kind.key_step or 1))  # whose maps are kept, but for those of all frames
+    needed = 4 * math.prod(shape) * sum(few if one.compact is None else count for one in layers)
     if needed > MOST_IN_MEMORY:
         raise InputError(
-            "maps_take_gb_gb", path=source.reader.path, counted=counted(pictures, "frame"),
+            "maps_take_gb_gb", path=source.reader.path, counted=output.counted(few, "frame"),
             needed=needed / 1e9, most_in_memory=MOST_IN_MEMORY / 1e9,
         )  # fmt: skip
     rows, others, selected = list[dict[str, Any]](), list[dict[str, Any]](), list[ProcessedFrame]()
+    pictures: dict[str, list[np.ndarray]] = {layer.name: [] for layer in layers}
     for item in kind.states(source, 0, count):
         others.append(more_of(item, task.scene))
         rows.append(kind.row(item, task.scene))
-        for name, film_maps in film.items():
-            film_maps.append(picture_of(item, name, shape))
+        for layer in layers:
+            if layer.compact is not None or item.normalised is not None:
+                pictures[layer.name].append(picture_of(item, layer.name, shape))
         if item.normalised is not None:
             selected.append(item)
         flagged += item.status != "ok"
         if progress is not None:
             progress(Tally(len(rows), count, 0, flagged))
-    table, more = tabulate_set(rows), columns_of(others)
-    refuse_unread(task.scene, str(source.reader.path), table, more["kept"])
-    result = collect(task.scene, table, more, selected, shape, source.capture.residual)
-    result = replace(result, load=partial(set_dataset, result, more, selected, film, shape))
-    return replace(result, draw=partial(run_figure, result))
+    more, residual = output.columns_of(others), source.capture.residual
+    table, name = tabulate_set(rows), str(source.reader.path)
+    result = collect(task.scene, table, more, selected, shape, residual, name=name)
+    result = replace(result, load=partial(_dataset, result, more, layers, pictures, shape))
+    return replace(result, draw=partial(_figure, result, more["status"]))
 
 
-def set_dataset(
-    result: Processed, more: Mapping[str, list[Any]], frames: Sequence[ProcessedFrame],
-    film: Mapping[str, list[np.ndarray]], shape: tuple[int, int],
+def _figure(result: Processed, status: list[str]) -> Figure:
+    items = shown_items(result.columns, result.dataset, status)
+    return set_figure(result.scene, result.columns, items)
+
+
+def _dataset(
+    result: Processed, more: Mapping[str, list[Any]], layers: Sequence[runs.Layer],
+    pictures: Mapping[str, list[np.ndarray]], shape: tuple[int, int],
 ) -> RunDataset:  # fmt: skip
-    """The dataset of a set in memory, as run.zarr has it; `film`, maps of all frames by name."""
-    scene, table = result.scene, result.columns
-    columns, axes = _set_columns(result, more, shape)
-    few = "key_frame" if PICTURE in table else "frame"
-    maps = {
-        layer.name: Column(
-            ("frame" if layer.name in film else few, "row", "col"),
-            np.stack(
-                film.get(layer.name) or [picture_of(item, layer.name, shape) for item in frames]
-            ),
-            {"units": layer.units, "long_name": layer.what},
-        )
-        for layer in (kind_of(scene).layers(scene) if frames else ())
-    }
-    known = {"isochrome": isochrome.__version__, "scene": dump_scene(scene)}
-    return make_dataset(maps | columns, axes, attributes(known))
-
-
-def _write_stacks(
-    run_folder: RunFolder,
-    table: Mapping[str, list[Any]],
-    axes: Mapping[str, Column],
-    place: Mapping[str, float | None],
-) -> None:
-    """The maps as stacks with scale, origin, labels, range, colours, interval. Raises OSError."""
-    names = [str(label or name) for label, name in zip(table["label"], table["name"], strict=True)]
-    times = axes["time_s"].values
-    highest = numbers(table["n_max"]) if "n_max" in table else np.zeros(0)
-    largest = float(np.nanmax(highest)) if np.isfinite(highest).any() else 1.0
-    for layer in run_folder.layout.layers:
-        pages = run_folder.layout.paged_items(layer)
-        view = imagej_view(
-            layer.name, (0.0, largest), labels=[names[k] for k in pages],
-            times_s=[times[k] for k in pages], **place,
-        )  # fmt: skip
-        write_stack(run_folder, layer, view, pixel_mm=place["pixel_mm"])
+    """The dataset of a set in memory, as run.zarr has it."""
+    columns, places = _set_columns(result, more, shape)
+    maps = {}
+    for layer in layers:
+        few = PICTURE in result.columns and layer.compact is None
+        axes = ("key_frame" if few else "frame", "row", "col")
+        about = {"units": layer.units, "long_name": layer.what}
+        maps[layer.name] = Column(axes, np.stack(pictures[layer.name]), about)
+    known = {"isochrome": isochrome.__version__, "scene": dump_scene(result.scene)}
+    return runs.make_dataset(maps | columns, places, runs.attributes(known))
 
 
 def _set_columns(
     result: Processed, more: Mapping[str, list[Any]], shape: tuple[int, int]
 ) -> tuple[dict[str, Column], dict[str, Column]]:
-    """The columns of frames.csv over frame, and the axes' coordinates.
-
-    x = left + (col + 1/2) pixel,  z = top + (row + 1/2) pixel, of the place that was found, the
-    mean of the frames'; shift_x_mm and shift_z_mm over frame say how far each lies from there.
-    """
+    """The columns of frames.csv over frame, and the axes' coordinates, in mm where these are known.
+    x = left + (col + 1/2) pixel, z = top + (row + 1/2) pixel, of the place that was found, the mean
+    of the frames'; shift_x_mm and shift_z_mm over frame say how far each lies from there."""
     scene, table = result.scene, result.columns
     grid = set_grid(scene, result.fitted, table, shape)
-    outcome = table | {name: more[name] for name in _MORE} | {"messages": result.messages}
+    outcome = table | {name: more[name] for name in ("status", "time_s", "left_mm", "top_mm")}
+    outcome["messages"] = result.messages
     # all are there, whatever is known of them: a dataset's axes do not come and go
-    columns = {name: column(values, "frame", name) for name, values in outcome.items()}
-    axes = {name: columns.pop(name) for name in _COORDINATES}
-    axes |= _set_axes(scene, grid, table, shape)
-    if PICTURE in table and any(at is not None for at in table[PICTURE]):
-        keys = [k for k, at in enumerate(table[PICTURE]) if at is not None]
-        axes["key_frame"] = Column(("key_frame",), np.array(keys), {})
-        for name in ("shift_x_mm", "shift_z_mm") if grid is not None else ():
-            shift = axes[name]
-            axes[f"key_{name}"] = Column(("key_frame",), shift.values[keys], shift.attributes)
-    return columns, axes
-
-
-def _set_axes(
-    scene: Scene, grid: PixelGrid | None, table: Mapping[str, Sequence[Any]], shape: tuple[int, int]
-) -> dict[str, Column]:
-    """Coordinates of a set's maps, rows and columns, in mm where a scale is known, and shifts."""
+    columns = {name: runs.column(values, "frame", name) for name, values in outcome.items()}
+    of_frames = ("frame", "name", "label", "distance_m", "time_s")
+    axes = {name: columns.pop(name) for name in of_frames}
+    edges = (("x", "left", "along the surface"), ("z", "top", "depth below the surface"))
     if grid is None:
-        return {
-            name: Column((name,), np.arange(count), {"units": "pixel"})
-            for name, count in zip(("row", "col"), shape, strict=True)
-        }
-    axes = picture_axes(grid)
-    for name, edge, what in (
-        ("x", "left", "along the surface"),
-        ("z", "top", "depth below the surface"),
-    ):
-        if not scene.has_model:
-            stated = scene.camera and getattr(scene.camera, f"{edge}_mm") is not None
-            long_name = what if stated else "from the picture's outer edge"
-            axes[f"{name}_mm"] = replace(
-                axes[f"{name}_mm"], attributes={"units": "mm", "long_name": long_name}
-            )
-        attribute = {"units": "mm", "long_name": f"of the frame's own place from {name}_mm"}
-        axes[f"shift_{name}_mm"] = Column(("frame",), shift_of(edge, grid, table), attribute)
-    return axes
+        for name, size in zip(("row", "col"), shape, strict=True):
+            axes[name] = Column((name,), np.arange(size), {"units": "pixel"})
+    else:
+        axes |= picture_axes(grid)
+        for name, edge, what in edges:
+            if not scene.has_model:
+                stated = scene.camera and getattr(scene.camera, f"{edge}_mm") is not None
+                long_name = what if stated else "from the picture's outer edge"
+                about = {"units": "mm", "long_name": long_name}
+                axes[f"{name}_mm"] = replace(axes[f"{name}_mm"], attributes=about)
+            about = {"units": "mm", "long_name": f"of the frame's own place from {name}_mm"}
+            axes[f"shift_{name}_mm"] = Column(("frame",), shift_of(edge, grid, table), about)
+    if keys := [k for k, at in enumerate(table.get(PICTURE, ())) if at is not None]:
+        axes["key_frame"] = Column(("key_frame",), np.array(keys), {})
+        for shift in ("shift_x_mm", "shift_z_mm") if grid is not None else ():
+            at_keys = replace(axes[shift], axes=("key_frame",), values=axes[shift].values[keys])
+            axes[f"key_{shift}"] = at_keys
+    return columns, axes
 
 
 def process(
@@ -535,7 +457,7 @@ def process(
     >>> print(f"{order.sel(x_mm=0.0, z_mm=9.0, method='nearest').item():.2f} fringes")
     0.78 fringes
     """
-    scene = load_scene(scene)
+    scene = isochrome.load_scene(scene)
     check_scene(scene)
     if track and each:
         raise InputError("track_each_set_followed")
@@ -544,12 +466,12 @@ def process(
     if preview and out is None:
         raise InputError("preview_written_beside_results")
     if rois:
-        load_roifile()  # missing, it is to be said before hours of work
-    refuse_without_folder(out, workers, cluster)
+        output.load_roifile()  # missing, it is to be said before hours of work
+    runs.refuse_without_folder(out, workers, cluster)
     if out is not None:
-        working_folder(Path(out))  # no place for results: to be said before anything is read
+        runs.working_folder(Path(out))  # no place for results: said before anything is read
     frames = frames_of(frames)
-    with single_threaded(), open_scene_frames(frames, scene) as reader, ExitStack() as opened:
+    with runs.single_threaded(), open_scene_frames(frames, scene) as reader, ExitStack() as opened:
         opened.callback(close_kept)  # before the reader that it reads from is closed
         scene = with_file_scale(scene, reader)
         check_pixel(scene, reader.shape)
@@ -559,29 +481,30 @@ def process(
             reader = open_scene_frames(frames, scene)
         kind = _kind_of_set(scene, reader, track=track, each=each, every=every, maps=maps)
         kind = replace(kind, as_stated=as_stated)
-        shown = working_folder(Path(out)) / PREVIEW if out is not None and preview else None
+        shown = runs.working_folder(Path(out)) / PREVIEW if out is not None and preview else None
         task = FrameTask(
             frames=frames, scene=scene, reader=reader, kind=kind, rois=rois,
             keep_going=keep_going, preview=shown,
         )  # fmt: skip
+        options = runs.RunOptions(workers, cluster, restart, keep_going)
         identity = partial(identity_of, task, files)
-        if out is not None and not restart and _is_done(Path(out), identity):
-            result = restore(scene, Path(out), reader.shape, open_set(task).capture.residual)
-        else:
-            options = RunOptions(workers, cluster, restart, keep_going)
-            result = _processed(task, identity, out, options, progress)
-        return replace(result, as_stated=as_stated)
+        result = _processed(task, identity, out, options, progress)
+        return replace(result, as_stated=as_stated, arrange=processed_panels)
 
 
 def _kind_of_set(
     scene: Scene, reader: FrameReader, track: bool, each: bool, every: int | None, maps: str | None
 ) -> FrameKind:
     """How a set is processed: followed where that is asked, or is usual; else state by state."""
-    keyed = accepts_keys(scene) and (track or (not each and reader.kind == "video"))
-    if not keyed and (track or (not each and is_followed(scene, reader))):
-        from isochrome.processing.kinds.tracked import TrackedFilm
+    followed = track or (not each and reader.kind == "video")
+    keyed = followed and accepts_keys(scene)
+    if followed and not keyed:
+        from isochrome.processing.kinds.tracked import TrackedFilm, check_tracked
 
-        return TrackedFilm(every=every, wanted=maps)
+        with suppress(InputError):
+            if not track:  # a video of what cannot be followed has its frames read one by one
+                check_tracked(scene, reader.shape, KEY_EVERY)
+            return TrackedFilm(every=every, wanted=maps)
     for name, value in (("every", None if keyed else every), ("maps", maps)):
         if value is not None:
             raise InputError("video_followed_add_track", name=name, value=value)
@@ -592,51 +515,204 @@ def _kind_of_set(
     return KeyedFilm(key_every=every or KEY_EVERY, by_default=not track)
 
 
-def is_followed(scene: Scene, reader: FrameReader) -> bool:
-    """Whether a set is a video of a contact whose frames can be followed."""
-    if reader.kind != "video":
-        return False
-    from isochrome.processing.kinds.tracked import check_tracked
-
-    try:
-        check_tracked(scene, reader.shape, KEY_EVERY)
-    except InputError:
-        return False
-    return True
-
-
 def _processed(
     task: FrameTask,
     identify: Callable[[], Mapping[str, Any]],
     out: str | Path | None,
-    options: RunOptions,
+    options: runs.RunOptions,
     progress: RunProgress | None,
 ) -> Processed:
-    """All states of a set, in memory or into a folder."""
+    """All states of a set, in memory or into a folder, or as a finished run has left them there."""
+    place = Path(out or "").absolute()
+    if (
+        out is not None
+        and not options.restart
+        # by what the files hold: no frame is decoded for it
+        and (place / runs.PROVENANCE).is_file()
+        and not runs.working_folder(place).exists()  # which one at work has
+        and runs.holds_results(place.resolve(), identify())
+    ):
+        return restore(task.scene, Path(out), task.reader.shape, open_set(task).capture.residual)
     count, source = count_of(task), open_set(task)
     workers = min(options.workers or 1, set_layout(source, count // task.steps).chunks)
     with ExitStack() as opened:
         if workers > 1 and options.cluster is None:  # they start while frames are asked
-            pool = WorkerPool(workers, (process_chunk, task.kind))
+            pool = runs.WorkerPool(workers, (process_chunk, task.kind))
             options = replace(options, pool=opened.enter_context(pool))
         kind = task.kind.shared(source, count, progress, on_disk=out is not None)
         task = source.task = replace(task, kind=kind)
+        count //= task.steps
         if out is None:
-            return process_in_memory(source, count // task.steps, progress)
-        job = Job(partial(process_chunk, task), set_layout(source, count // task.steps), identify())
+            return process_in_memory(source, count, progress)
+        job = runs.Job(partial(process_chunk, task), set_layout(source, count), identify())
         residual = source.capture.residual
-        finish = partial(finish_set_folder, Path(out).absolute(), job, task, residual)
-        result = run_job(job, out, finish, options=options, progress=progress)
+        finish = partial(finish_set_folder, place, job, task, residual)
+        result = runs.run_job(job, out, finish, options=options, progress=progress)
     return result or restore(task.scene, Path(out), task.reader.shape, residual)
-
-
-def _is_done(out: Path, identify: Callable[[], Mapping[str, Any]]) -> bool:
-    """Whether a finished run has left all, by what the files hold: no frame is decoded for it."""
-    if not (out / PROVENANCE).is_file() or working_folder(out).exists():  # which one at work has
-        return False
-    return holds_results(out.resolve(), identify())
 
 
 def check_scene(scene: Scene) -> None:
     """Refuse a scene whose light, field or steps cannot tell the order, before opening frames."""
     kind_of(scene).check(scene)
+
+
+def process_frame(frames: FramesLike, scene: Scene, index: int) -> FrameResult:
+    """Read one frame of a set, as `process` reads it, by its number, or its state's, from 0."""
+    with _captured(frames, scene, index) as (source, states):
+        result = source.processed(index, states)
+        row = source.task.kind.row(result, scene)
+    one_state = Processed(
+        scene=scene, model=scene.model, columns=tabulate_set([row]), frames=[result], fitted=None,
+        warnings=result.warnings, messages=[frame_messages(result.warnings)],
+    )  # fmt: skip
+    return FrameResult(result, row, one_state.summary_text)
+
+
+def anchor_preview(frames: FramesLike, scene: Scene, index: int) -> AnchorPreview:
+    """Follow the fringes of one frame, to say what known orders would make of it. InputError where
+    the scene's frames tell their orders themselves."""
+    if scene.polariscope.tells_orders:
+        raise InputError("colours_phase_steps_read", name=scene.name)
+    from isochrome.processing.kinds.image_only import AnchorPreview
+
+    with _captured(frames, scene, index) as (source, states):
+        return AnchorPreview(states[0], scene, source.capture)
+
+
+@contextmanager
+def _captured(
+    frames: FramesLike, scene: Scene, index: int
+) -> Iterator[tuple[FrameSource, list[Frame]]]:
+    """A set that is opened for one of its states, and its frames."""
+    check_scene(scene)
+    with runs.single_threaded(), open_scene_frames(frames, scene) as reader:
+        scene = with_file_scale(scene, reader)
+        check_pixel(scene, reader.shape)
+        task = FrameTask(frames=frames, scene=scene, reader=reader, kind=kind_of(scene))
+        source = FrameSource(task)
+        try:
+            ((_, states),) = source.captured(index, index + 1)
+            yield source, states
+        finally:
+            source.close()
+
+
+_FIRST = 3
+"""Frames from the first on in which the scene's fringes are looked for, and then one in the middle
+of the set: one takes seconds."""
+
+
+def check(path: FramesLike, scene: SceneLike) -> Check:
+    """Look through captured frames once, and say what is wrong with them for this scene.
+
+    Counts, sizes, times, bit depth, exposure, saturation, noise and no-load frames are looked at,
+    in one pass with one frame in memory; a frame that shows the unloaded specimen among loaded ones
+    is named. Where they can be the scene's, and it has a model, the
+    first frame that shows its fringes is fitted, and what it asks for besides what the scene states
+    is a warning, as `process` says it: the key that mends it, and its value. A slip in the scene
+    with which nothing can be read, such as a picture that lies otherwise, is an error, and so is a
+    model that is too far from all frames that are looked at: `process` gives no value then. Without
+    a model frames that are exposed otherwise than both no-load frames are named with their factor.
+
+    Parameters
+    ----------
+    path : str, Path, sequence of them, array or sequence of arrays
+        The frames, as for `open_frames`.
+    scene : str, Path, Scene or mapping
+        What stood in front of the camera, as `load_scene` takes it.
+
+    Returns
+    -------
+    Check
+        The findings, errors first; frames that cannot be read are a finding, not an exception.
+
+    Examples
+    --------
+    >>> import isochrome
+    >>> scene = isochrome.load_scene("ring").with_values({
+    ...     "load.normal_n": 60.0, "camera.width_px": 128, "camera.height_px": 128,
+    ...     "camera.pixel_mm": 0.36, "camera.noise_grey": 1.0})
+    >>> simulated = isochrome.simulate(scene, "simulated")
+    >>> found = isochrome.check("simulated/frames.tif", scene)
+    >>> found.ok, found.count
+    (True, 1)
+    """
+    scene = isochrome.load_scene(scene)
+    result = look_through(path, scene)
+    frames = scene.frames
+    tells = scene.has_model or (frames.no_load_dark and frames.no_load_bright)
+    orders_told = scene.polariscope.tells_orders  # by their states themselves
+    if not result.ok or not result.count or orders_told or not tells:
+        return result
+    with runs.single_threaded():
+        return result.with_more(_by_fringes(path, scene, result.count))
+
+
+def _by_fringes(path: FramesLike, scene: Scene, count: int) -> Iterator[Finding]:
+    """What the fringes of some frames say of the scene."""
+    with open_scene_frames(path, scene) as reader:
+        scene = with_file_scale(scene, reader)
+        kind, loads = kind_of(scene), scene.frames.known_loads_n
+        try:
+            capture = kind.prepare(scene, reader)
+        except (InputError, PhysicsError) as error:
+            yield Finding("error", str(error))
+            return
+        if scene.frames.has_known_loads:  # each read against the frames of known loads
+            few = (0, len(loads) // 2)
+            result = [kind.read([f], scene, capture) for f in reader if f.index in few]
+            untold = [frame for frame in result if not np.isfinite(frame.columns[LOAD])]
+            level: Level = "warning" if len(untold) < len(result) else "error"
+            for item in untold:
+                for text in item.warnings[:1]:
+                    text = f"{output.named_frames([item.index])}: " + text
+                    yield Finding(level, text, item.index)
+        elif scene.has_model:
+            tried = {*range(_FIRST), count // 2}
+            frames = (frame for frame in islice(reader, max(tried) + 1) if frame.index in tried)
+            yield from _asked(frames, scene, capture, count)
+        else:
+            from isochrome.processing.kinds.image_only import told_exposure
+
+            for frame in islice(reader, _FIRST + 1):  # exposed otherwise than no-load frames
+                for text in told_exposure(frame, own_scene(scene, frame), capture):
+                    text = f"{output.named_frames([frame.index])}: " + text
+                    yield Finding("warning", text, frame.index)
+
+
+def _asked(
+    frames: Iterator[Frame], scene: Scene, capture: Capture, count: int
+) -> Iterator[Finding]:
+    """What the first frame that the scene explains asks for; why, where it explains none."""
+    from isochrome.processing.kinds.with_model import frame_causes
+
+    bare: list[int] = []
+    lost: list[Finding] = []
+    refused = None
+    for frame in frames:
+        reading = None
+        try:
+            reading = frame_causes(frame, own_scene(scene, frame), capture)
+        except (InputError, PhysicsError) as error:
+            refused = refused or str(error)
+        if reading is None:
+            bare.append(frame.index)
+            continue
+        texts, explained = reading
+        level: Level = "error" if explained == "with a slip" else "warning"
+        findings = [
+            Finding(level, f"{output.named_frames([frame.index])}: {t}", frame.index) for t in texts
+        ]
+        if explained != "not at all":
+            yield from findings
+            return
+        lost = lost or findings
+    more = message("disc_of_residual_stress") if scene.rim_diameter_mm is not None else ""
+    if lost:
+        *before, last = lost
+        yield from before
+        yield replace(last, level="error", text=last.text + more)
+    if bare:
+        text = refused or message("scene_fringes_not_there") + more
+        grave: Level = "error" if len(bare) == count else "warning"
+        yield Finding(grave, f"{output.named_frames(bare)}: " + text)

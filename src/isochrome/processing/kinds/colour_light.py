@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,15 +23,12 @@ from isochrome.frames import (
 from isochrome.fringes import ColourReading, read_colour, read_table, spectral_table
 from isochrome.messages import message
 from isochrome.optics import camera_response
-from isochrome.processing.kinds.kind import FrameKind, refuse_no_load_steps
+from isochrome.processing.kinds.kind import FrameKind
 from isochrome.processing.kinds.largest_order import LARGEST, order_columns
 from isochrome.processing.result import Capture, ProcessedFrame, frame_fields
 from isochrome.scene import Scene
 from isochrome.specimens import specimen_model
 from isochrome.stress import pixel_grid
-
-if TYPE_CHECKING:
-    pass
 
 Array = NDArray[Any]
 
@@ -51,7 +48,7 @@ class ColourLight(FrameKind):
             raise InputError("has_no_phase_steps", where=where)
         if scene.polariscope.field == "plane":
             raise InputError("needs_circular_dark_bright", where=where)
-        refuse_no_load_steps(scene)
+        super().check(scene)
 
     def prepare(self, scene: Scene, reader: FrameReader) -> Capture:
         """The colour table, and the no-load frames of each channel."""
@@ -96,7 +93,7 @@ class ColourLight(FrameKind):
         return ProcessedFrame(
             **frame_fields(first, scene),
             normalised=np.where(trusted.any(axis=-1), mean, np.nan).astype(np.float32),
-            reading=result, noise=result.noise, chi=result.chi, warnings=_warnings(result),
+            reading=result, noise=result.noise, chi=result.chi, warnings=tuple(_warnings(result)),
             columns=columns | order_columns(result.order, result.uncertainty),
         )  # fmt: skip
 
@@ -133,20 +130,17 @@ def _stacked(
     return np.stack(light, axis=-1), np.stack(valid, axis=-1), np.stack(sigma, axis=-1)
 
 
-def _warnings(reading: ColourReading) -> tuple[str, ...]:
-    messages = []
+def _warnings(reading: ColourReading) -> Iterator[str]:
     if reading.lost:
         strange = 100 * reading.strange
-        messages.append(message("colours_pixels_not_table", strange=strange, chi=reading.chi))
+        yield message("colours_pixels_not_table", strange=strange, chi=reading.chi)
     elif reading.chi > POOR_CHI:
-        messages.append(message("chi_table_does_not", chi=reading.chi))
-    exposure = reading.exposure
-    if exposure.factor != 1.0:
-        messages.append(message("exposed_times_long_no", factor=exposure.factor))
-    elif not exposure.told:
-        messages.append(message("colours_do_not_tell"))
+        yield message("chi_table_does_not", chi=reading.chi)
+    if reading.exposure.factor != 1.0:
+        yield message("exposed_times_long_no", factor=reading.exposure.factor)
+    elif not reading.exposure.told:
+        yield message("colours_do_not_tell")
     if reading.blind:
-        messages.append(message("illumination_found_from_frame"))
+        yield message("illumination_found_from_frame")
     if not reading.lost and reading.kept < 0.5:
-        messages.append(message("only_lit_pixels_could", kept=100 * reading.kept))
-    return tuple(messages)
+        yield message("only_lit_pixels_could", kept=100 * reading.kept)

@@ -1,9 +1,4 @@
-"""A film without a model whose orders are followed in time: what its frames share; each read.
-
-A film that begins without load: its orders are counted from zero, without a known point.
-
-A film without a model whose key frames are read from nothing: the others are followed.
-"""
+"""Films without a model whose orders are followed in time: from no load on, or from key frames."""
 
 from __future__ import annotations
 
@@ -15,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from isochrome import fringes
 from isochrome.errors import InputError, PhysicsError
 from isochrome.frames import (
     Frame,
@@ -24,21 +20,6 @@ from isochrome.frames import (
     noise_between_pixels,
     saturation_level,
     to_linear,
-)
-from isochrome.fringes import (
-    LARGEST_CHANGE,
-    BackgroundModulation,
-    BrightestLight,
-    FilmLight,
-    FilmPath,
-    FilmState,
-    follow_frame,
-    joined_pixels,
-    joined_reading,
-    pixels_together,
-    read_followed,
-    smooth_zero,
-    unloaded_state,
 )
 from isochrome.messages import message
 from isochrome.processing.kinds.image_only import FLAWS, LEAST_ORDER, ImageOnly, read_alone
@@ -50,7 +31,7 @@ from isochrome.runs import chunk_size
 from isochrome.scene import Scene
 
 if TYPE_CHECKING:
-    from isochrome.processing.frame_task import FrameSource
+    from isochrome.processing.kinds.kind import FrameSource
 
 Array = NDArray[Any]
 Mask = NDArray[np.bool_]
@@ -78,8 +59,8 @@ class FilmData:
             self.valid = self.valid & part.valid if part else self.valid
         if not self.valid.any():
             raise InputError("no_part_frame_trusted_check", name=first.name)
-        self.by = pixels_together((self.valid.shape[0], self.valid.shape[1]))
-        self.material = joined_pixels(self.valid, self.by) > 0.99
+        self.by = fringes.pixels_together((self.valid.shape[0], self.valid.shape[1]))
+        self.material = fringes.joined_pixels(self.valid, self.by) > 0.99
         self.clipped = self.full
         self.noise, self.between, self._contrast = NoiseModel(0.0, 0.0, 0.0), 1.0, -1.0
 
@@ -92,13 +73,13 @@ class FilmData:
 
     def unclipped(self, frame: Frame) -> Mask:
         """Blocks on the specimen in which no pixel is clipped."""
-        clipped = joined_pixels(frame.image >= self.clipped, self.by)
+        clipped = fringes.joined_pixels(frame.image >= self.clipped, self.by)
         return np.asarray(self.material & (clipped < np.float32(0.5 / self.by**2)))
 
     def lights(self, frames: Frames) -> Iterator[tuple[Frame, Array, Mask, float]]:
         """Frames with their light on blocks, where it can be trusted, and their time."""
         for index, (frame, *_) in frames:
-            light = joined_pixels(self.light(frame), self.by)
+            light = fringes.joined_pixels(self.light(frame), self.by)
             yield frame, light, self.unclipped(frame), film_time(frame, index)
 
     def take_noise(self, frame: Frame) -> None:
@@ -110,13 +91,15 @@ class FilmData:
             self.noise = estimate_noise(frame.image, self.valid, bit_depth=self.depth)
             self.between = noise_between_pixels(frame.image, self.valid, self.noise)
 
-    def path(self, start: FilmState, light: FilmLight, count: int, begin: int = 0) -> FilmPath:
+    def path(
+        self, start: fringes.FilmState, light: fringes.FilmLight, count: int, begin: int = 0
+    ) -> fringes.FilmPath:
         """A path through `count` frames, with the noise of its wave, at half of full scale."""
         level = float(np.median(light.illumination[self.material]))
         grey = float(self.noise.sigma(0.5 * self.full)) / self.full * self.between
         noise = 2.0 * max(grey / self.by, FLAWS * level / self.by) / level
         chunk = chunk_size(count, 4 * self.valid.size)
-        return FilmPath(start, light, noise=noise, chunk=chunk, begin=begin)
+        return fringes.FilmPath(start, light, noise=noise, chunk=chunk, begin=begin)
 
 
 def film_time(frame: Frame, index: int) -> float:
@@ -126,15 +109,13 @@ def film_time(frame: Frame, index: int) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class Film(ImageOnly):
-    """A film without a model whose orders are followed in time.
-
-    What its frames share: `data`, their light on blocks of pixels; the `path` that was followed;
-    `light`, of the frames' size; `notes`, what the first frame says.
-    """
+    """A film without a model whose orders are followed in time. What its frames share: `data`,
+    their light on blocks of pixels; the `path` that was followed; `light`, of the frames' size;
+    `notes`, what the first frame says."""
 
     data: FilmData | None = field(default=None, repr=False)
-    path: FilmPath | None = field(default=None, repr=False)
-    light: FilmLight | None = field(default=None, repr=False)
+    path: fringes.FilmPath | None = field(default=None, repr=False)
+    light: fringes.FilmLight | None = field(default=None, repr=False)
     notes: tuple[str, ...] = ()
 
     draws_lines = False
@@ -155,17 +136,15 @@ class Film(ImageOnly):
         return self.followed(source, captured, count)
 
     def followed(self, source: FrameSource, captured: Captured, count: int) -> FrameKind:
-        """The film as it is followed through its `count` frames.
-
-        `captured` gives its frames anew, each with its number. Raises InputError, PhysicsError.
-        """
+        """The film as it is followed through its `count` frames. `captured` gives its frames anew,
+        each with its number. Raises InputError, PhysicsError."""
         raise NotImplementedError
 
     def states(self, source: FrameSource, start: int, stop: int) -> Iterator[ProcessedFrame]:
         """The frames in time, from the last kept state on."""
         data, path = self.data, self.path
         assert data is not None and path is not None
-        state: FilmState | None = None
+        state: fringes.FilmState | None = None
         for index, (frame, *_) in source.captured(path.begin(start), stop):
             light = data.light(frame)
             span = path.lost_at(index)
@@ -174,61 +153,65 @@ class Film(ImageOnly):
                 state = path.kept[index].state()
             elif not lost:
                 assert state is not None
-                wave = path.light.wave(joined_pixels(light, data.by))
+                wave = path.light.wave(fringes.joined_pixels(light, data.by))
                 time = film_time(frame, index)
-                state = follow_frame(state, wave, data.unclipped(frame), time, noise=path.noise)
+                state = fringes.follow_frame(
+                    state, wave, data.unclipped(frame), time, noise=path.noise
+                )
             assert state is not None
             if index >= start:
                 known = state.known & (not lost)
                 numbered = replace(frame, index=index)
                 yield self._read(replace(state, known=known), numbered, light, source.task.scene)
 
-    def _read(self, state: FilmState, frame: Frame, light: Array, scene: Scene) -> ProcessedFrame:
+    def _read(
+        self, state: fringes.FilmState, frame: Frame, light: Array, scene: Scene
+    ) -> ProcessedFrame:
         """One frame, read where it was followed."""
-        data, ends = self.data, self.light
-        assert data is not None and ends is not None
+        data, ends, path = self.data, self.light, self.path
+        assert data is not None and ends is not None and path is not None
         valid = data.valid & (frame.image < data.clipped)
         sigma = data.between * data.noise.linear_sigma(
             frame.image, bit_depth=data.depth, gamma=data.gamma
         )
         sigma = np.maximum(sigma, FLAWS * ends.illumination).astype(np.float32)
-        reading = read_followed(light, state, ends, sigma=sigma, valid=valid, by=data.by)
+        reading = fringes.read_followed(light, state, ends, sigma=sigma, valid=valid, by=data.by)
         signal = ends.rise(light) / ends.illumination
         relative = sigma / ends.illumination
         known = np.isfinite(reading.order)
         residual = (signal - np.sin(np.pi * np.where(known, reading.order, 0.0)) ** 2) / relative
         chi = float(np.sqrt(np.mean(np.square(residual[known])))) if known.any() else float("nan")
-        orders = order_columns(reading.order, reading.uncertainty)
         return ProcessedFrame(
             **frame_fields(frame, scene), reading=reading, chi=chi,
             normalised=np.where(valid, signal, np.nan).astype(np.float32),
             noise=float(np.median(relative[valid])) if valid.any() else float("nan"),
-            warnings=self._warnings(frame.index, reading.kept),
-            columns={"kept_share": reading.kept, **orders},
+            warnings=tuple(self._said(frame.index, path, data, reading.kept)),
+            columns={"kept_share": reading.kept}
+            | order_columns(reading.order, reading.uncertainty),
         )  # fmt: skip
 
-    def _warnings(self, index: int, known_share: float) -> tuple[str, ...]:
+    def _said(
+        self, index: int, path: fringes.FilmPath, data: FilmData, known_share: float
+    ) -> Iterator[str]:
         """What to say of a frame."""
-        path = self.path
-        assert self.data is not None and path is not None
-        notes = list(self.notes) if index == 0 else []
+        yield from self.notes if index == 0 else ()
         if (span := path.lost_at(index)) is not None:
             start, stop = span
             again = message(NOT_KNOWN) if stop >= path.count else message(READ_ANEW, stop=stop)
-            return (*notes, not_followed(start) + "; " + again)
+            yield not_followed(start) + "; " + again
+            return
         begin = path.begin(index)
         if doubts := path.kept[begin].doubted:
-            share = 100.0 * doubts / max(1, int(np.count_nonzero(self.data.material)))
-            notes.append(message(DIFFERING, share=share, begin=begin, end=path.end(index)))
+            share = 100.0 * doubts / max(1, int(np.count_nonzero(data.material)))
+            yield message(DIFFERING, share=share, begin=begin, end=path.end(index))
         if known_share < 0.5 and index > 0:
-            notes.append(message("only_specimen_pixels_could", known_share=100.0 * known_share))
-        return tuple(notes)
+            yield message("only_specimen_pixels_could", known_share=100.0 * known_share)
 
 
 def not_followed(start: int) -> str:
     """What to say of a film that is lost before a frame `start`."""
     return message(
-        "film_cannot_followed_from", before=start - 1, after=start, change=LARGEST_CHANGE
+        "film_cannot_followed_from", before=start - 1, after=start, change=fringes.LARGEST_CHANGE
     )
 
 
@@ -270,11 +253,15 @@ class UnloadedFilm(Film):
         data = FilmData(first, scene, capture)
         field_zero, other = (capture.dark, capture.bright)[:: int(data.sign)]
         zero, rough = (
-            (field_zero.image, False) if field_zero else smooth_zero(data.light(first), data.valid)
+            (field_zero.image, False)
+            if field_zero
+            else fringes.smooth_zero(data.light(first), data.valid)
         )
-        top, below = BrightestLight(), joined_pixels(zero, data.by)
+        top, below = fringes.BrightestLight(), fringes.joined_pixels(zero, data.by)
         for index, (frame, *_) in captured():
-            top.add(np.float32(data.sign) * (joined_pixels(data.light(frame), data.by) - below))
+            top.add(
+                np.float32(data.sign) * (fringes.joined_pixels(data.light(frame), data.by) - below)
+            )
             if index % max(1, count // _TRIED) == 0:
                 data.take_noise(frame)
         least = -_DARKER * top.contrast(data.material)
@@ -284,13 +271,17 @@ class UnloadedFilm(Film):
             raise PhysicsError(NOT_UNLOADED, name=scene.name, than=than, share=100.0 * share)
         given = None if other is None else np.maximum(data.sign * (other.image - zero), 1e-3)
         try:
-            surface = top.surface(data.material) if given is None else joined_pixels(given, data.by)
+            surface = (
+                top.surface(data.material)
+                if given is None
+                else fringes.joined_pixels(given, data.by)
+            )
         except InputError as error:
             raise PhysicsError(f"{scene.name}: " + error.message) from error
-        guide = FilmLight(zero=below, illumination=surface, sign=data.sign)
+        guide = fringes.FilmLight(zero=below, illumination=surface, sign=data.sign)
         if rough:  # the first frame's own noise is in all differences from it
             data.between *= float(np.sqrt(2.0))
-        path = data.path(unloaded_state(data.material, film_time(first, 0)), guide, count)
+        path = data.path(fringes.unloaded_state(data.material, film_time(first, 0)), guide, count)
         path.follow(data.lights(captured()))
         light, notes = _final_light(path, data, zero, given, scene)
         path.light = light.joined(data.by)
@@ -298,8 +289,8 @@ class UnloadedFilm(Film):
 
 
 def _final_light(
-    path: FilmPath, data: FilmData, zero: Array, given: Array | None, scene: Scene
-) -> tuple[FilmLight, tuple[str, ...]]:
+    path: fringes.FilmPath, data: FilmData, zero: Array, given: Array | None, scene: Scene
+) -> tuple[fringes.FilmLight, tuple[str, ...]]:
     """The light of the frames' size by the crests that were followed, and what to say of it."""
     shape = (zero.shape[0], zero.shape[1])
     crests_tell = path.crests.told and path.highest > LEAST_ORDER
@@ -319,7 +310,7 @@ def _final_light(
             level, error = result, spread
             notes = (message(OWN_CRESTS) if given is None else message(OTHER_LIGHT, scale=scale),)
     assert level is not None
-    return FilmLight(zero=zero, illumination=level, error=error, sign=data.sign), notes
+    return fringes.FilmLight(zero=zero, illumination=level, error=error, sign=data.sign), notes
 
 
 _MOST_BREAKS = 0.5
@@ -328,11 +319,8 @@ _MOST_BREAKS = 0.5
 
 @dataclass(frozen=True, kw_only=True)
 class KeyedFilm(Film):
-    """A film each `key_every`-th frame of which is read from nothing.
-
-    `by_default`, whether nobody asked to follow it: frames that are no film are then read one by
-    one, and the first says so.
-    """
+    """A film each `key_every`-th frame of which is read from nothing. `by_default`, whether nobody
+    asked to follow it: frames that are no film are then read one by one, and the first says so."""
 
     key_every: int = KEY_EVERY
     by_default: bool = False
@@ -354,8 +342,17 @@ class KeyedFilm(Film):
     def _keyed(self, source: FrameSource, captured: Captured, count: int) -> FrameKind:
         """Followed; PhysicsError where no frame to begin with can be read, or it is no film."""
         scene, capture = source.task.scene, source.capture
-        begin, first, key_frame, ends = _first_key(captured(), scene, capture, count)
-        assert key_frame.reading is not None
+        why = None
+        for begin, (first, *_) in captured():
+            if begin % max(1, count // _TRIED):
+                continue
+            key_frame, ends = read_alone(first, scene, capture)
+            begun = key_frame.reading
+            if ends is not None and begun is not None and np.isfinite(begun.order).any():
+                break
+            why = why or SEPARATOR.join(key_frame.warnings)
+        else:
+            raise PhysicsError("no_order_in_first_frames", name=scene.name, why=why)
         data = FilmData(first, scene, capture)
         data.take_noise(first)
         # order 0 is at the bright end in the bright field
@@ -363,40 +360,24 @@ class KeyedFilm(Film):
         illumination = np.maximum(data.sign * (other - zero), 1e-3).astype(np.float32)
         zero = zero.astype(np.float32)
         error, at_zero = (ends.signal_uncertainty(end).astype(np.float32) for end in (other, zero))
-        light = FilmLight(
+        light = fringes.FilmLight(
             zero=zero, illumination=illumination, error=error, zero_error=at_zero, sign=data.sign
         )
-        start = joined_reading(key_frame.reading, data.by, film_time(first, begin))
+        start = fringes.joined_reading(begun, data.by, film_time(first, begin))
         path = data.path(start, light.joined(data.by), count, begin)
 
-        def key(frame: Frame, time: float) -> FilmState | None:
+        def key(frame: Frame, time: float) -> fringes.FilmState | None:
             reading = read_alone(frame, scene, capture)[0].reading
             if reading is None or not np.isfinite(reading.order).any():
                 return None
-            return joined_reading(reading, data.by, time)
+            return fringes.joined_reading(reading, data.by, time)
 
         path.follow(data.lights(captured()), key, self.key_every)
         breaks, steps = len(path.lost) - (begin > 0), count - 1 - begin
         if breaks > _MOST_BREAKS * steps:
             raise PhysicsError(
-                "cannot_followed_in_time", name=scene.name, change=LARGEST_CHANGE, breaks=breaks,
-                steps=steps,
+                "cannot_followed_in_time", name=scene.name, change=fringes.LARGEST_CHANGE,
+                breaks=breaks, steps=steps,
             )  # fmt: skip
         notes = (*key_frame.warnings, message("light_first_key_frame", begin=begin))
         return replace(self, data=data, path=path, light=light, notes=notes)
-
-
-def _first_key(
-    frames: Frames, scene: Scene, capture: Capture, count: int
-) -> tuple[int, Frame, ProcessedFrame, BackgroundModulation]:
-    """The first frame of some, from the film's first on, that can be read from nothing."""
-    why = None
-    for index, (frame, *_) in frames:
-        if index % max(1, count // _TRIED):
-            continue
-        key_frame, ends = read_alone(frame, scene, capture)
-        reading = key_frame.reading
-        if ends is not None and reading is not None and np.isfinite(reading.order).any():
-            return index, frame, key_frame, ends
-        why = why or SEPARATOR.join(key_frame.warnings)
-    raise PhysicsError("no_order_in_first_frames", name=scene.name, why=why)

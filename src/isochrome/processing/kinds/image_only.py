@@ -1,7 +1,5 @@
 """A frame without a model: normalised, its fringe skeleton, and its order from known points.
 
-The light of a frame that has both no-load frames, whether or not it is exposed as they are.
-
 A frame's brightest line tells its exposure where it is a fringe of N = 1/2, 3/2, .... Under more
 light it would be a ridge of an order below 1/2, and the frame alone cannot tell one from the other:
 a dark fringe in it can, or known orders on both sides of a half, or one beside the line.
@@ -12,12 +10,13 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
+from isochrome import fringes
 from isochrome.errors import InputError
 from isochrome.frames import (
     Frame,
@@ -29,23 +28,6 @@ from isochrome.frames import (
     normalise,
     saturation_level,
     to_linear,
-)
-from isochrome.fringes import (
-    CLEAR,
-    MOST_COST,
-    STATED_SPREAD,
-    BackgroundModulation,
-    FreeReading,
-    KnownOrders,
-    KnownPlaces,
-    common_reading,
-    exact_ends,
-    find_no_load_exposure,
-    fit_background_modulation,
-    gamma_misfit,
-    read_free,
-    skeletons,
-    widened,
 )
 from isochrome.messages import message
 from isochrome.output import with_uncertainty
@@ -64,54 +46,45 @@ _REACH, WORTH_SAYING = 4.0, 0.01
 """How far the unknown background may reach, in its standard uncertainties: to three times as long
 an exposure as the bright frame's; and the share of the specimen that is said."""
 _POOLED_PX = 3.0
-_BEYOND_HALF = CLEAR**0.5 * STATED_SPREAD
+_BEYOND_HALF = fringes.CLEAR**0.5 * fringes.STATED_SPREAD
 """Fringes from a half from which two known orders say one between; half as near, one says it."""
 
 
-@dataclass(frozen=True)
-class NoLoadLight:
-    """The ends of a frame's light by its no-load frames, and what to say of them.
-
-    `refusal`, why no order can be told; `dark_told`, whether the dark end is known as well as it
-    says.
-    """
-
-    ends: BackgroundModulation
-    notes: tuple[str, ...] = ()
-    refusal: str = ""
-    dark_told: bool = True
+_ToldEnds = tuple[fringes.BackgroundModulation, list[str], str, bool]
 
 
 def no_load_light(
     light: Array, sigma: Array, valid: Mask, no_load: tuple[Array, Array], frames: Frames
-) -> NoLoadLight:
-    """The ends of a frame's linear `light` (rows, cols) by the dark and bright no-load frame."""
+) -> _ToldEnds:
+    """The ends of a frame's linear `light` (rows, cols) by the dark and bright no-load frame.
+    Besides, what to say of them, why no order can be told, and whether the dark end is known as
+    well as it says."""
     dark, bright = no_load
-    alike = NoLoadLight(exact_ends(dark, bright))
+    alike: _ToldEnds = (fringes.exact_ends(dark, bright), [], "", True)
     if frames.no_load_exposure == "same":
         return alike
-    result = find_no_load_exposure(light, sigma, valid, dark=dark, bright=bright)
+    result = fringes.find_no_load_exposure(light, sigma, valid, dark=dark, bright=bright)
     if result.ends is None:
         if result.told:
             return alike
-        places, off = _places(light, valid, no_load, frames), ""
-        if places and np.median([place.cost for place in places]) >= CLEAR:
-            worst = max(places, key=lambda place: abs(place.light - place.stated))
-            off = message(
-                NOT_ALIKE, row=worst.row, col=worst.col, light=worst.light, stated=worst.stated
-            )
-        return NoLoadLight(alike.ends, () if off else (message(SAME_EXPOSURE),), off)
+        places = _places(light, valid, no_load, frames)
+        if len(places) and np.median(_costs(places)) >= fringes.CLEAR:
+            row, col, stated, shown = max(places.tolist(), key=lambda at: abs(at[3] - at[2]))
+            off = message(NOT_ALIKE, row=row, col=col, light=shown, stated=stated)
+            return alike[0], [], off, True
+        return alike[0], [message(SAME_EXPOSURE)], "", True
     if result.crest_sure or says_a_half(frames.stated_orders):
-        notes = (message("exposed_times_long_frames", bright=result.bright),)
-        return NoLoadLight(result.ends, notes, dark_told=result.dark_told)
+        notes = [message("exposed_times_long_frames", bright=result.bright)]
+        return result.ends, notes, "", result.dark_told
     if result.bright < 1.0:
         unexposed, other = (
-            sum(place.cost for place in _places(light, valid, ends, frames))
+            float(np.sum(_costs(_places(light, valid, ends, frames))))
             for ends in (no_load, (result.dark * dark, result.bright * bright))
         )
-        if unexposed + CLEAR < other:  # known orders are clearly those of the no-load frames
+        # known orders are clearly those of the no-load frames
+        if unexposed + fringes.CLEAR < other:
             return alike
-    return NoLoadLight(result.ends, refusal=message(CREST_OR_RIDGE, bright=result.bright))
+    return result.ends, [], message(CREST_OR_RIDGE, bright=result.bright), True
 
 
 def says_a_half(orders: Sequence[float]) -> bool:
@@ -123,23 +96,15 @@ def says_a_half(orders: Sequence[float]) -> bool:
     return bool(most > next_half + _BEYOND_HALF)
 
 
-@dataclass(frozen=True)
-class _Place:
-    """A place of known order: its distance from a dark fringe, `stated`, and by the `light`."""
-
-    row: float
-    col: float
-    stated: float
-    light: float
-
-    @property
-    def cost(self) -> float:
-        """How badly both agree, chi²."""
-        return min(((self.light - self.stated) / STATED_SPREAD) ** 2, MOST_COST)
+def _costs(places: Array) -> Array:
+    """How badly the light at known places agrees with their orders, chi² each."""
+    off = (places[:, 3] - places[:, 2]) / fringes.STATED_SPREAD
+    return np.minimum(off**2, fringes.MOST_COST)
 
 
-def _places(light: Array, valid: Mask, ends: tuple[Array, Array], frames: Frames) -> list[_Place]:
-    """The known places that are seen: in a light s the order is k ± asin(sqrt s)/pi."""
+def _places(light: Array, valid: Mask, ends: tuple[Array, Array], frames: Frames) -> Array:
+    """The known places (n) that are seen: row, col, distance from a dark fringe as stated, as seen.
+    In a light s the order is k ± asin(sqrt s)/pi."""
     dark, bright = ends
     signal = np.where(valid, (light - dark) / np.maximum(bright - dark, 1e-6), 0.0)
     weight = np.maximum(gaussian_filter(valid.astype(float), _POOLED_PX), 1e-6)
@@ -151,15 +116,13 @@ def _places(light: Array, valid: Mask, ends: tuple[Array, Array], frames: Frames
     for row, col, order in known:
         at = round(row), round(col)
         if all(0 <= i < n for i, n in zip(at, valid.shape, strict=True)) and valid[at]:
-            result.append(_Place(row, col, abs(order - round(order)), float(away[at])))
-    return result
+            result.append((row, col, abs(order - round(order)), float(away[at])))
+    return np.array(result).reshape(-1, 4)
 
 
 def above_background(signal: Array, error: Array, valid: Mask) -> tuple[Mask, tuple[str, ...]]:
-    """Where a brighter background would make no dark fringe, and what to say of the rest.
-
-    The order may go on through a fringe there or turn back, and what lies beyond is a part apart.
-    """
+    """Where a brighter background would make no dark fringe, and what to say of the rest. The order
+    may go on through a fringe there or turn back, and what lies beyond is a part apart."""
     above = np.where(valid, signal - _REACH * error, 0.0)
     above_noise = valid & (gaussian_filter(above, _POOLED_PX) > 0.0)
     share = 1.0 - float(np.mean(above_noise[valid])) if valid.any() else 0.0
@@ -199,9 +162,9 @@ class FrameSignal:
 
     signal: Array
     sigma: Array
-    valid: NDArray[np.bool_]
+    valid: Mask
     error: Array
-    ends: BackgroundModulation
+    ends: fringes.BackgroundModulation
     refusal: str = ""
     notes: tuple[str, ...] = ()
     columns: dict[str, Any] = field(default_factory=dict)
@@ -213,6 +176,9 @@ class FrameSignal:
 class ImageOnly(FrameKind):
     """Single frames without a model, whose orders hang together with places of known order."""
 
+    loads: ClassVar[tuple[str, ...]] = ()
+    """Columns of a frame's load, where that is read."""
+
     def read(self, frames: Sequence[Frame], scene: Scene, capture: Capture) -> ProcessedFrame:
         """The order that hangs together with known ones."""
         return read_alone(frames[0], scene, capture)[0]
@@ -220,17 +186,13 @@ class ImageOnly(FrameKind):
     def values(self, scene: Scene) -> tuple[str, ...]:
         """Fringe lines, and the orders where one is known."""
         gamma = ("gamma", f"gamma {SPREAD}") if scene.frames.gamma == "unknown" else ()
-        lines = ("fringe_lines", *gamma, *self.loads())
+        lines = ("fringe_lines", *gamma, *self.loads)
         return ("kept_share", *lines, *LARGEST) if scene.frames.orders_known else lines
-
-    def loads(self) -> tuple[str, ...]:
-        """Columns of a frame's load, where that is read."""
-        return ()
 
 
 def read_alone(
-    frame: Frame, scene: Scene, capture: Capture, *, inside: NDArray[np.bool_] | None = None
-) -> tuple[ProcessedFrame, BackgroundModulation | None]:
+    frame: Frame, scene: Scene, capture: Capture, *, inside: Mask | None = None
+) -> tuple[ProcessedFrame, fringes.BackgroundModulation | None]:
     """Normalise a frame without a model, find its fringe skeleton, and read its order.
 
     The order is read where it hangs together with a place of known order; without one there is no
@@ -244,13 +206,9 @@ def read_alone(
         **frame_fields(frame, scene),
         normalised=np.where(linear.valid, linear.image, np.nan).astype(np.float32),
     )
-    try:
-        signal = frame_signal(frame, linear, scene, capture)
-    except InputError as error:
-        return replace(blank, warnings=("not normalised: " + error.message,)), None
-    lines = skeletons(np.clip(signal.signal, 0.0, 1.0))
-    point_known = bool(scene.frames.known_order)
-    refusal = refused_beforehand(frame, signal, len(lines), capture, point_known, inside)
+    signal, lines, refusal = _beforehand(frame, linear, scene, capture, inside=inside)
+    if signal is None:
+        return replace(blank, warnings=("not normalised: " + refusal,)), None
     result, warnings = None, [refusal]
     if not refusal and not scene.frames.orders_known:
         warnings = [message("no_order_light_alone")]
@@ -258,7 +216,7 @@ def read_alone(
         result, warnings = _read_signal(signal, scene)
         if signal.others:
             others = (_read_signal(other, scene)[0] for other in signal.others)
-            result = common_reading([result, *others])
+            result = fringes.common_reading([result, *others])
         few = refused_low(result.reading.order, capture)
         warnings = [*warnings, *result.said, *([few] if few else [])]
         result = None if few else result
@@ -275,31 +233,31 @@ def read_alone(
     return complete, signal.ends
 
 
-def refused_beforehand(
-    frame: Frame,
-    signal: FrameSignal,
-    lines: int,
-    capture: Capture,
-    requested: bool,
-    inside: NDArray[np.bool_] | None = None,
-) -> str:
-    """Why no order is read in a frame whatever is known of its orders; empty where one is.
-
-    `requested`, whether a point is known; `inside`, as in `read_alone`.
-    """
+def _beforehand(
+    frame: Frame, linear: Linear, scene: Scene, capture: Capture, *,
+    requested: bool = False, inside: Mask | None = None,
+) -> tuple[FrameSignal | None, list[fringes.Skeleton], str]:  # fmt: skip
+    """A frame's signal, None where no fringe is in it, its lines, and why no order is read in it.
+    That is empty where one is, if one is known; `requested`, whether one is tried; `inside`, as in
+    `read_alone`."""
+    try:
+        signal = frame_signal(frame, linear, scene, capture)
+    except InputError as error:
+        return None, [], error.message
+    lines, refusal = fringes.skeletons(np.clip(signal.signal, 0.0, 1.0)), signal.refusal
     if capture.bright is None:
         specimen = np.ones(frame.image.shape, dtype=bool)
         for mask in (frame.mask, inside):
             specimen = specimen if mask is None else specimen & mask
         level = saturation_level(frame.image, full=full_scale(capture.bit_depth))
         saturated = float(np.mean(frame.image[specimen] >= level))
+        few = len(lines) < FEWEST_LINES and (requested or scene.frames.known_order)
         if saturated > MOST_SATURATED:
-            return message("specimen_saturated_no_order", saturated=100.0 * saturated)
-    if signal.refusal:
-        return signal.refusal
-    if capture.bright is None and lines < FEWEST_LINES and requested:
-        return message(FEW_FRINGES, value=f"{lines} fringe lines", fewest_lines=FEWEST_LINES)
-    return ""
+            refusal = message("specimen_saturated_no_order", saturated=100.0 * saturated)
+        elif few and not refusal:
+            value = f"{len(lines)} fringe lines"
+            refusal = message(FEW_FRINGES, value=value, fewest_lines=FEWEST_LINES)
+    return signal, lines, refusal
 
 
 def refused_low(order: Array, capture: Capture) -> str:
@@ -315,7 +273,7 @@ def refused_low(order: Array, capture: Capture) -> str:
 
 def _light(
     frame: Frame, linear: Linear, scene: Scene, capture: Capture
-) -> tuple[Array, Array, NDArray[np.bool_]]:
+) -> tuple[Array, Array, Mask]:
     """A frame's light, its noise, and where both and the no-load frames are trusted."""
     bit_depth = capture.bit_depth
     model = estimate_noise(frame.image, linear.valid, bit_depth=bit_depth)
@@ -337,10 +295,11 @@ def frame_signal(frame: Frame, linear: Linear, scene: Scene, capture: Capture) -
     refusal, dark_told = "", True
     if dark is not None and bright is not None and not tone:
         no_load = no_load_light(light, sigma, valid, (dark, bright), scene.frames)
-        ends, notes = no_load.ends, list(no_load.notes)
-        refusal, dark_told = no_load.refusal, no_load.dark_told
+        ends, notes, refusal, dark_told = no_load
     else:
-        ends = fit_background_modulation(light, sigma, valid, dark=dark, bright=bright, tone=tone)
+        ends = fringes.fit_background_modulation(
+            light, sigma, valid, dark=dark, bright=bright, tone=tone
+        )
         refusal = "" if ends.settled else message("search_light_dark_bright")
         notes = [message("normalised_own_fringes_without")] * (dark is None or bright is None)
         if tone:
@@ -362,7 +321,7 @@ def frame_signal(frame: Frame, linear: Linear, scene: Scene, capture: Capture) -
 
 
 def _by_ends(
-    light: Array, sigma: Array, valid: NDArray[np.bool_], ends: BackgroundModulation
+    light: Array, sigma: Array, valid: Mask, ends: fringes.BackgroundModulation
 ) -> tuple[Normalised, FrameSignal]:
     """A frame's light normalised by the ends and the tone curve that its fringes told."""
     linear = np.maximum(light, 0.0) ** ends.tone
@@ -382,13 +341,12 @@ def told_exposure(frame: Frame, scene: Scene, capture: Capture) -> list[str]:
         return []
     linear = to_linear(frame, bit_depth=capture.bit_depth, gamma=scene.frames.first_gamma)
     try:
-        light, sigma, valid = _light(frame, linear, scene, capture)
-        result = no_load_light(light, sigma, valid, (dark.image, bright.image), scene.frames)
+        _, notes, refusal, _ = no_load_light(
+            *_light(frame, linear, scene, capture), (dark.image, bright.image), scene.frames
+        )
     except InputError:  # no fringe in it
         return []
-    return [
-        text for text in (*result.notes, result.refusal) if text and text != message(SAME_EXPOSURE)
-    ]
+    return [text for text in (*notes, refusal) if text and text != message(SAME_EXPOSURE)]
 
 
 def _contradicted(
@@ -400,19 +358,17 @@ def _contradicted(
     contrast: Array,
 ) -> tuple[Array, list[str]]:
     """What another gamma would make of the signal, where the fringes speak for it; and a warning.
-
     The fringes' shape is compared with that of a cosine: a wrong tone curve bends it. What blur and
-    a band's width took of their `contrast` (rows, cols) is no bend: it draws both ends together.
-    """
+    a band's width took of their `contrast` (rows, cols) is no bend: it draws both ends together."""
     lost = 0.5 * (1.0 - contrast) * done.contrast
     ends = done.background + lost, done.background + done.contrast - lost
     dark, bright = (faded if known else None for known, faded in zip(given, ends, strict=True))
     none = np.zeros(light.shape)
     try:
-        away, spread = gamma_misfit(light, sigma, done.valid, ends)
+        away, spread = fringes.gamma_misfit(light, sigma, done.valid, ends)
         if abs(away) < max(SIGNIFICANT * spread, WRONG_GAMMA):
             return none, []
-        result = fit_background_modulation(
+        result = fringes.fit_background_modulation(
             light, sigma, done.valid, dark=dark, bright=bright, tone=True
         )
     except InputError:  # no fringes to tell it from
@@ -428,29 +384,29 @@ def _contradicted(
     return error, [message("frames_gamma_does_not", gamma=gamma, with_uncertainty=value, best=best)]
 
 
-def _read_signal(signal: FrameSignal, scene: Scene) -> tuple[FreeReading, list[str]]:
+def _read_signal(signal: FrameSignal, scene: Scene) -> tuple[fringes.FreeReading, list[str]]:
     """The order of one signal, and what its gamma is told by."""
     error, messages = signal.error, list[str]()
-    result = read_free(*wave_of(signal, scene), signal.valid, orders_of(scene), error=error)
+    result = fringes.read_free(*wave_of(signal, scene), signal.valid, orders_of(scene), error=error)
     if signal.gamma_check is not None:
         other, messages = signal.gamma_check(result.contrast)
         error = np.hypot(error, other)
-    return replace(result, reading=widened(result.reading, error)), messages
+    return replace(result, reading=fringes.widened(result.reading, error)), messages
 
 
-def orders_of(scene: Scene) -> KnownOrders:
+def orders_of(scene: Scene) -> fringes.KnownOrders:
     """What a `scene` says of the orders in its frames."""
     stated = scene.frames
     points = [
-        KnownPlaces(((k.row_px, k.col_px),), k.order, extremum=k.extremum)
+        fringes.KnownPlaces(((k.row_px, k.col_px),), k.order, extremum=k.extremum)
         for k in stated.known_order
     ]
     lines = [
-        KnownPlaces(line.places, line.order, f"frames.known_line[{i}]")
+        fringes.KnownPlaces(line.places, line.order, f"frames.known_line[{i}]")
         for i, line in enumerate(stated.known_line, start=1)
     ]
     corners = tuple(c for edge in stated.free_boundary for c in edge.corners)
-    return KnownOrders((*points, *lines), corners)
+    return fringes.KnownOrders((*points, *lines), corners)
 
 
 def wave_of(signal: FrameSignal, scene: Scene) -> tuple[Array, Array]:
@@ -458,3 +414,92 @@ def wave_of(signal: FrameSignal, scene: Scene) -> tuple[Array, Array]:
     turn = -1.0 if scene.polariscope.field == "bright" else 1.0
     wave = np.where(signal.valid, turn * (1.0 - 2.0 * signal.signal), 0.0)
     return wave, np.where(signal.valid, 2.0 * signal.sigma, 1.0)
+
+
+_SAME, _MOST_PATCHES = 0.05, 0.9
+"""Fringes within which an order is as it was, or a whole one away from it; and share of a part's
+patches of which that is so where it is said of the part."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PatchOrders:
+    """The orders (m, n) of a frame's patches with their middles `rows`, `cols` (px of the region).
+    NaN = not known; `said`, what `process` says of it."""
+
+    rows: Array
+    cols: Array
+    order: Array = field(repr=False)
+    said: tuple[str, ...]
+
+
+class AnchorPreview:
+    """A frame whose fringes are followed once, and asked what known orders would make of it. The
+    `scene` has no model; what it knows of the orders matters where fringes have lost contrast."""
+
+    def __init__(self, frame: Frame, scene: Scene, capture: Capture) -> None:
+        self._capture = capture
+        self._followed: tuple[fringes.FollowedFringes, ...] = ()
+        linear = to_linear(frame, bit_depth=capture.bit_depth, gamma=scene.frames.first_gamma)
+        signal, _, self.refusal = _beforehand(frame, linear, scene, capture, requested=True)
+        if signal is None or self.refusal:
+            return
+        self._followed = tuple(
+            fringes.follow_fringes(
+                *wave_of(one, scene), one.valid, orders_of(scene), error=one.error
+            )[0]
+            for one in (signal, *signal.others)
+        )
+
+    @property
+    def depends_on_known(self) -> bool:
+        """Whether what could be followed depends on what the scene knew, as with faded fringes."""
+        return any(one.faded for one in self._followed)
+
+    def orders(self, scene: Scene) -> PatchOrders:
+        """The patches' orders under what a `scene` says of them. Raises InputError where none is
+        read of this frame whatever is said."""
+        if self.refusal:
+            raise InputError(self.refusal)
+        order, notes = fringes.common_orders(self._followed, orders_of(scene))
+        if few := refused_low(order, self._capture):
+            order, notes = np.full_like(order, np.nan), (*notes, few)
+        patches = self._followed[0].patches
+        return PatchOrders(rows=patches.rows, cols=patches.cols, order=order, said=notes)
+
+    def part_at(self, row: float, col: float, *, on_line: bool = False) -> Mask:
+        """The patches (m, n) that hang together with a place of the region, px; none where no
+        fringe could be followed. `on_line`, whether it is a fringe line's place."""
+        if not self._followed:
+            return np.zeros((0, 0), dtype=bool)
+        return self._followed[0].part_at(row, col, on_line=on_line)
+
+
+def part_change(before: Array, after: Array, under: str, what: str) -> tuple[str, str]:
+    """Say what becomes of the orders (p,) of a part's patches, which is called `under`, by `what`.
+    The kind, 'nothing', 'new', 'moved', 'changed', 'same' or 'lost', and the words; NaN:
+    unknown."""
+    if not np.isfinite(after).any():
+        if not np.isfinite(before).any():
+            return "nothing", message("would_anchor_nothing_stays", what=what, under=under)
+        return "lost", message("now_would_not_known", under=under, span=_span(before))
+    if not np.isfinite(before).any():
+        return "new", message("gets_no_order_known", under=under, span=_span(after))
+    away = (after - before)[np.isfinite(before) & np.isfinite(after)]
+    step = round(float(np.median(away))) if away.size else 0
+    if np.mean(np.abs(away - step) < _SAME) < _MOST_PATCHES:
+        return "changed", f"{under} changes from {_span(before)} to {_span(after)}"
+    if not step:
+        grown = int(np.isfinite(after).sum()) - int(np.isfinite(before).sum())
+        if abs(grown) > WORTH_SAYING * after.size:
+            share = f"{100.0 * abs(grown) / after.size:.0f} % of it"
+            more = f"{share} more would be known" if grown > 0 else f"{share} would be lost"
+            return "changed", f"{under} stays at {_span(after)}; {more}"
+        return "same", f"{under} stays at {_span(after)}"
+    orders = f"{abs(step)} whole order{'s' * (abs(step) > 1)} {'up' if step > 0 else 'down'}"
+    return "moved", f"{under} moves from {_span(before)} to {_span(after)}, {orders}"
+
+
+def _span(order: Array) -> str:
+    """Between which orders a part lies, but for a few of its patches."""
+    low, high = np.percentile(order[np.isfinite(order)], (100.0 - ALMOST_ALL, ALMOST_ALL))
+    return f"{low:.1f}..{high:.1f}"

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from isochrome.calibration import LoadReading, Overlay, Shot, lay_series, read_load
+from isochrome.calibration import Shot, lay_series, read_load
 from isochrome.errors import PhysicsError
 from isochrome.estimation import prepare_frame
 from isochrome.fitting import LOAD
@@ -31,15 +31,20 @@ FAR = 0.5
 class KnownLoads(ImageOnly):
     """Frames of a disc with residual stress, among which there are some of known load."""
 
+    loads = (LOAD, f"{LOAD} {SPREAD}", EXPLAINED)
+
     def prepare(self, scene: Scene, reader: FrameReader) -> Capture:
-        """The frames of known loads too."""
-        return replace(super().prepare(scene, reader), series=known_series(scene, reader))
+        """The frames of known loads too, laid over each other. InputError on a blank frame,
+        PhysicsError where one shows no disc."""
+        capture, loads = super().prepare(scene, reader), dict(enumerate(scene.frames.known_loads_n))
+        shown = [frame for frame in reader if loads.get(frame.index)]
+        bare = Capture(reader.bit_depth)
+        shots = [_shot(frame, scene, bare, loads[frame.index]) for frame in shown]
+        return replace(capture, series=lay_series(shots, [frame.index for frame in shown]))
 
     def read(self, frames: Sequence[Frame], scene: Scene, capture: Capture) -> ProcessedFrame:
-        """Read a load against the known ones, and the order as the image alone tells it.
-
-        The load is NaN where the known loads do not tell it, and a warning says why.
-        """
+        """Read a load against the known ones, and the order as the image alone tells it. The load
+        is NaN where the known loads do not tell it, and a warning says why."""
         (frame,) = frames
         assert capture.series is not None and scene.rim_diameter_mm is not None
         columns: dict[str, Any] = {LOAD: float("nan"), f"{LOAD} {SPREAD}": float("nan")}
@@ -51,7 +56,15 @@ class KnownLoads(ImageOnly):
         else:
             columns = {LOAD: read.load_n, f"{LOAD} {SPREAD}": read.standard_uncertainty}
             columns |= {EXPLAINED: read.explained}
-            notes += _told(read, scene.frames.known_loads_n, frame.index)
+            loads, off = scene.frames.known_loads_n, read.standard_uncertainty
+            stated = loads[frame.index] if frame.index < len(loads) else 0.0
+            away = abs(read.load_n - stated) / off
+            if stated and away > CONTRADICTED:
+                value = with_uncertainty(read.load_n, off)
+                values = {"stated": stated, "with_uncertainty": value, "away": away}
+                notes.append(message("load_stated_other_known", **values))
+            if read.beyond > FAR:
+                notes.append(message("load_lies_far_outside"))
             scale = scene.camera.pixel_mm if scene.camera else None
             more["pixel_mm"] = scale or scene.rim_diameter_mm / (2.0 * read.rim.radius)
             more["chi"] = read.chi
@@ -64,44 +77,9 @@ class KnownLoads(ImageOnly):
         columns = {"fringe_lines": len(result.lines)} | result.columns | columns
         return replace(result, columns=columns, warnings=(*notes, *image), **more)
 
-    def loads(self) -> tuple[str, ...]:
-        """The load, and how much of the light is explained."""
-        return (LOAD, f"{LOAD} {SPREAD}", EXPLAINED)
-
-
-def known_series(scene: Scene, reader: FrameReader) -> Overlay:
-    """Lay the frames whose loads the scene states over each other.
-
-    InputError on a blank frame, PhysicsError where one shows no disc.
-    """
-    loads = dict(enumerate(scene.frames.known_loads_n))
-    shown = [frame for frame in reader if loads.get(frame.index)]
-    shots = [_shot(frame, scene, Capture(reader.bit_depth), loads[frame.index]) for frame in shown]
-    return lay_series(shots, [frame.index for frame in shown])
-
 
 def _shot(frame: Frame, scene: Scene, capture: Capture, load_n: float) -> Shot:
     data = prepare_frame(frame, scene, bit_depth=capture.bit_depth, gamma_found=True)
     bright = scene.polariscope.field == "bright"
     fields = {name: getattr(data, name) for name in ("light", "sigma", "valid", "raw", "raw_sigma")}
     return Shot(**fields, name=data.name, gamma=data.gamma, load_n=load_n, bright=bright)
-
-
-def _told(read: LoadReading, loads: Sequence[float], number: int) -> list[str]:
-    """What to beware of in a load that was read."""
-    notes = list[str]()
-    stated = loads[number] if number < len(loads) else 0.0
-    away = abs(read.load_n - stated) / read.standard_uncertainty
-    if stated and away > CONTRADICTED:
-        value = with_uncertainty(read.load_n, read.standard_uncertainty)
-        notes.append(
-            message("load_stated_other_known", stated=stated, with_uncertainty=value, away=away)
-        )
-    if read.beyond > FAR:
-        notes.append(message("load_lies_far_outside"))
-    return notes
-
-
-def tells_load(frame: ProcessedFrame) -> bool:
-    """Whether a frame's load was read."""
-    return bool(np.isfinite(frame.columns.get(LOAD, np.nan)))

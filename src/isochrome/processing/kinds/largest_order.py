@@ -1,9 +1,7 @@
 """The largest fringe order of a frame: as it was read, or where its pixels are missing, by a model.
 
-What is largest among the pixels that were read is the specimen's largest order only where those
-about the peak are among them: dust, glare or a mask takes them out, and so does a model that does
-not describe them. The largest of many noisy orders lies above the truth by some of their
-uncertainties: by less than one, as neighbours share their noise.
+The largest of many noisy orders lies above the truth by some of their uncertainties: by less than
+one, as neighbours share their noise.
 """
 
 from collections import Counter
@@ -63,10 +61,8 @@ def largest_pixel(order: Array) -> tuple[int, int]:
 
 
 def _beside_unread(order: Array, row: int, col: int) -> bool:
-    """Whether a pixel touches one that is not known, nor are most of its neighbours.
-
-    A pixel alone amid known ones hides no peak; beyond the picture nothing is wanted.
-    """
+    """Whether a pixel touches one that is not known, nor are most of its neighbours. A pixel alone
+    amid known ones hides no peak; beyond the picture nothing is wanted."""
     top, left = max(row - 2, 0), max(col - 2, 0)
     unread = np.pad(~np.isfinite(order[top : row + 3, left : col + 3]), 1)
     nine = np.lib.stride_tricks.sliding_window_view(unread, (3, 3))
@@ -98,7 +94,11 @@ def largest_with_model(
     off, each = order[near] - model[near], reading.uncertainty[near]
     excess = max(np.mean(off**2 - each**2), 0.0) ** 0.5 if off.size else np.inf
     beyond = bool(trusted[peak] and top - np.max(model, where=read, initial=-np.inf) > spread)
-    source, notes = _source(beyond, off, each, _beside_unread(order, *pixel))
+    source, notes = AT_LEAST if _beside_unread(order, *pixel) else FRAME, tuple[str, ...]()
+    if beyond and off.size and np.mean((off / each) ** 2) <= POOR_CHI**2:
+        source, notes = MODEL, (message("pixels_largest_order_could"),)
+    elif beyond:
+        source, notes = AT_LEAST, (message("pixels_largest_order_could_not"),)
     values, spreads = np.full((2, 2), nothing)
     if fit is not None and (source == MODEL or scene.indenter is not None):
         values, spreads = _of_scene(fit, frame.pixels, peak)
@@ -113,20 +113,6 @@ def largest_with_model(
         also = np.hypot(spreads[1], values[1] * excess / top)
         result |= dict(zip(PRESSURE, (float(values[1]), float(also)), strict=True))
     return result, notes
-
-
-def _source(beyond: bool, off: Array, each: Array, unread: bool) -> tuple[str, tuple[str, ...]]:
-    """Where the largest order is from, and what is said of it.
-
-    `beyond`, whether the model's exceeds all that was read; `off` (n,), by how much orders near its
-    peak are off it, `each` with its uncertainty; `unread`, whether one beside the largest is not
-    known.
-    """
-    if not beyond:
-        return AT_LEAST if unread else FRAME, ()
-    if off.size and np.mean((off / each) ** 2) <= POOR_CHI**2:
-        return MODEL, (message("pixels_largest_order_could"),)
-    return AT_LEAST, (message("pixels_largest_order_could_not"),)
 
 
 def _between(order: Array, row: int, col: int) -> float:

@@ -11,7 +11,7 @@ from isochrome.errors import InputError
 from isochrome.frames import Frame, FrameReader, estimate_noise, open_no_load_steps, to_linear
 from isochrome.fringes import ResidualStress, make_design, read_residual, read_steps
 from isochrome.optics import Chain, make_chain
-from isochrome.processing.kinds.kind import ISOCLINIC, FrameKind, refuse_colour_table
+from isochrome.processing.kinds.kind import ISOCLINIC, FrameKind
 from isochrome.processing.kinds.largest_order import LARGEST, order_columns
 from isochrome.processing.result import Capture, ProcessedFrame, frame_fields
 from isochrome.runs import Layer
@@ -28,7 +28,7 @@ class PhaseStepped(FrameKind):
 
     def check(self, scene: Scene) -> None:
         """Refuse steps that cannot tell the order. Raises InputError."""
-        refuse_colour_table(scene)
+        super().check(scene)
         try:
             make_design(_chains(scene))
         except InputError as error:

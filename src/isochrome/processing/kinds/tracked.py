@@ -1,8 +1,4 @@
-"""A contact's video: key frames are processed wholly, the frames between them are followed.
-
-Where maps of all frames are wanted, the orders of each are read on the branches of its followed
-model, by the same reading as of a frame that is processed by itself.
-"""
+"""A contact's video: key frames are processed wholly, the frames between them are followed."""
 
 import math
 from collections.abc import Iterator
@@ -12,24 +8,19 @@ from typing import Any
 
 import numpy as np
 
+from isochrome import fitting
 from isochrome.errors import InputError, IsochromeError, PhysicsError
-from isochrome.fitting import (
-    GAMMA,
-    SMOOTH_KEYS,
-    FrameFit,
-    Tracked,
-    Tracker,
-    find_apparatus,
-    free_keys,
-    placed,
-    scene_at,
-    slid_until,
-    sliding_scene,
-)
 from isochrome.frames import Frame
 from isochrome.output import counted
-from isochrome.processing.frame_task import FrameSource, place_of
-from isochrome.processing.kinds.kind import CONFIDENCE, KEY_EVERY, MOST_IN_MEMORY, ORDER, FrameKind
+from isochrome.processing.kinds.kind import (
+    CONFIDENCE,
+    KEY_EVERY,
+    MOST_IN_MEMORY,
+    ORDER,
+    FrameKind,
+    FrameSource,
+    place_of,
+)
 from isochrome.processing.kinds.largest_order import largest_with_model
 from isochrome.processing.kinds.with_model import WithModel, of_share, read_frame
 from isochrome.processing.result import (
@@ -87,15 +78,12 @@ class TrackedFilm(WithModel):
     order_step: float = 1e-4
     pages: bool = False
 
+    refines = False
+
     @property
     def key_step(self) -> int:
         """Frames to the next key frame."""
         return self.every or KEY_EVERY
-
-    @property
-    def maps_of_all(self) -> bool:
-        """Whether all frames have maps."""
-        return self.maps == "all"
 
     def shared(
         self, source: FrameSource, count: int, progress: RunProgress | None, *, on_disk: bool
@@ -125,10 +113,11 @@ class TrackedFilm(WithModel):
                 text += "; the TIFF stacks hold the key frames: isochrome export --to tiff makes "
                 text += "all pages"
         if not self.as_stated:
-            bare, no_load = sliding_scene(scene), (source.capture.dark, source.capture.bright)
-            found = find_apparatus(
-                source.reader, bare, free_keys(bare), count=count, no_load=no_load
-            )
+            bare, capture = fitting.sliding_scene(scene), source.capture
+            found = fitting.find_apparatus(
+                source.reader, bare, fitting.free_keys(bare), count=count,
+                no_load=(capture.dark, capture.bright),
+            )  # fmt: skip
             kind = replace(kind, apparatus=found)
         if progress is not None:  # what is refused before is one line
             progress(Tally(0, count, 0, 0, text))
@@ -139,11 +128,7 @@ class TrackedFilm(WithModel):
         return scene if self.apparatus is None else self.apparatus.stated
 
     def states(self, source: FrameSource, start: int, stop: int) -> Iterator[ProcessedFrame]:
-        """What is read in the frames [start, stop); `start` is a key frame.
-
-        Key frames are processed as if there were no others; each of the other frames is followed
-        from the key frame before it, whose own chunk thus suffices.
-        """
+        """What is read in the frames [start, stop); `start`, a key frame: its chunk suffices."""
         assert start % self.key_step == 0
         for index, frames in source.captured(start, stop):
             frame = replace(frames[0], index=index)
@@ -152,14 +137,10 @@ class TrackedFilm(WithModel):
                 surface_field_grid.cache_clear()  # of its own place, as large as ten pictures
                 track = KeyFrames(source, self, key)
                 if not key.failed:
-                    track.track(frame)
+                    track.tracker.track(frame, fitting.slid_until(track.scene, frame))
                 yield key
             else:
                 yield track.follow(frame)
-
-    def values(self, scene: Scene) -> tuple[str, ...]:
-        """What is fitted."""
-        return self.fitted(scene)
 
     def columns(self, scene: Scene) -> tuple[str, ...]:
         """Where a key frame lies in the stacks too, and how values were found."""
@@ -205,12 +186,16 @@ def check_tracked(scene: Scene, shape: tuple[int, int], every: int) -> None:
         raise InputError("cannot_tracked_only_contact", name=scene.name, what=what)
     if scene.polariscope.tells_orders:
         raise InputError("phase_steps_colours_determine", name=scene.name)
-    Tracker(placed(sliding_scene(scene), shape), free_keys(scene), bit_depth=None)
+    fitting.Tracker(
+        fitting.placed(fitting.sliding_scene(scene), shape),
+        fitting.free_keys(scene),
+        bit_depth=None,
+    )
 
 
 def order_step(scene: Scene, shape: tuple[int, int]) -> float:
     """Steps (fringes) of 16 bits that reach twice the largest order of a contact's scene."""
-    one = scene_at(placed(sliding_scene(scene), shape), 0.0)
+    one = fitting.scene_at(fitting.placed(fitting.sliding_scene(scene), shape), 0.0)
     grid = pixel_grid(one, shape).every(_THIN)
     order = make_picture(one, state_difference(one, scene_states(one)[-1], grid), grid).order
     wanted = _MARGIN * float(np.nanmax(order)) / Compact(1.0, 16).largest
@@ -225,23 +210,19 @@ class KeyFrames:
         self.source, self.kind, self._alone = source, kind, key
         capture = source.capture
         given = source.task.scene if kind.apparatus is None else kind.apparatus.scene
-        self.scene = placed(sliding_scene(given), source.reader.shape)
-        self.keys = free_keys(self.scene)
-        self._tracker = Tracker(
+        self.scene = fitting.placed(fitting.sliding_scene(given), source.reader.shape)
+        self.keys = fitting.free_keys(self.scene)
+        self.tracker = fitting.Tracker(
             self.scene, self.keys, bit_depth=capture.bit_depth,
             no_load=(capture.dark, capture.bright), apparatus=kind.apparatus, alone=self._whole,
         )  # fmt: skip
-
-    def track(self, frame: Frame) -> Tracked:
-        """The values of the next frame. Raises InputError, PhysicsError."""
-        return self._tracker.track(frame, slid_until(self.scene, frame))
 
     def follow(self, frame: Frame) -> ProcessedFrame:
         """One frame more. Raises InputError, PhysicsError."""
         label, distance = place_of(self.source.task.scene, frame)
         fields = frame_fields(frame, self.scene) | {"label": label, "distance_m": distance}
         try:
-            tracked = self.track(frame)
+            tracked = self.tracker.track(frame, fitting.slid_until(self.scene, frame))
             columns: dict[str, Any] = value_columns(
                 self.keys, tracked.values, tracked.standard_uncertainty
             )
@@ -250,18 +231,25 @@ class KeyFrames:
             result = ProcessedFrame(
                 **fields, chi=tracked.chi, columns=columns, warnings=tracked.warnings
             )
-            mapped = self.kind.maps_of_all and tracked.positive
-            return self._with_map(result, frame) if mapped else result
+            if self.kind.maps != "all" or not tracked.positive:
+                return result
+            # its orders are read on the branches of the followed model
+            data, model, scene = self.tracker.model_frame(frame)
+            reading, noise, lost = read_frame(frame, data, model, chi=tracked.chi, positive=True)
+            if lost:
+                return result
+            largest, of_largest = largest_with_model(reading, model, scene)
+            notes = (*tracked.warnings, *of_share(reading), *of_largest)
+            columns |= {"kept_share": reading.kept} | largest
+            return replace(result, reading=reading, noise=noise, columns=columns, warnings=notes)
         except IsochromeError as error:
             if not self.source.task.keep_going:
                 raise
             return ProcessedFrame(**fields, warnings=(str(error),), failed=True)
 
-    def _whole(self, frame: Frame) -> tuple[Scene, FrameFit] | None:
-        """A frame processed wholly; the track begins where its fit ended, if it told values.
-
-        What is not tracked, as an unknown gamma or a smooth stress, such a frame alone tells.
-        """
+    def _whole(self, frame: Frame) -> tuple[Scene, fitting.FrameFit] | None:
+        """A frame processed wholly; the track begins where its fit ended, if it told values. What
+        is not tracked, as an unknown gamma or a smooth stress, such a frame alone tells."""
         if self._alone.index != frame.index:  # as if it were a key frame
             with suppress(PhysicsError):
                 self._alone = self.source.processed(frame.index, [frame])
@@ -271,20 +259,7 @@ class KeyFrames:
         values = {
             name: float(value)
             for name, value in zip(fit.keys, fit.values, strict=True)
-            if name in (GAMMA, *SMOOTH_KEYS) or isinstance(self.scene.get(name), int | float)
+            if name in (fitting.GAMMA, *fitting.SMOOTH_KEYS)
+            or isinstance(self.scene.get(name), int | float)
         }
         return self.scene.with_values(values), fit
-
-    def _with_map(self, item: ProcessedFrame, frame: Frame) -> ProcessedFrame:
-        """A followed frame with its orders, read on the branches of the followed model.
-
-        Raises InputError, PhysicsError.
-        """
-        data, model, scene = self._tracker.model_frame(frame)
-        reading, noise, lost = read_frame(frame, data, model, chi=item.chi, positive=True)
-        if lost:
-            return item
-        largest, of_largest = largest_with_model(reading, model, scene)
-        notes = (*item.warnings, *of_share(reading), *of_largest)
-        columns = item.columns | {"kept_share": reading.kept} | largest
-        return replace(item, reading=reading, noise=noise, columns=columns, warnings=notes)

@@ -1,29 +1,15 @@
 """One captured frame: the scene's model fitted to it, and its fringe order read."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 
+from isochrome import fitting
 from isochrome.calibration import Circle, find_rim, fit_circle
 from isochrome.errors import InputError, PhysicsError
 from isochrome.estimation import ALIKE_CHI, POOR_CHI, FrameData, prepare_frame
-from isochrome.fitting import (
-    GAMMA,
-    TOO_FAR,
-    Apparatus,
-    FrameFit,
-    ModelFrame,
-    cause_messages,
-    evaluate_model,
-    fit_frame,
-    fit_with_causes,
-    free_keys,
-    opposite_shear,
-    sliding_scene,
-    stated_pairs,
-)
 from isochrome.frames import Frame
 from isochrome.fringes import OrderReading, read_order
 from isochrome.messages import message
@@ -45,26 +31,23 @@ from isochrome.scene import Scene
 Explained = Literal["well enough", "not at all", "with a slip"]
 """How far a scene explains a frame; by a slip in it, it is another scene that does."""
 
-_CORRECT = "correct_scene_load_place"
 
 _NO_ORDER = "model_too_far_off_name"
 
 
 @dataclass(frozen=True, kw_only=True)
 class WithModel(FrameKind):
-    """Frames of a scene with a model, whose unknowns are fitted to each.
+    """Frames of a scene with a model, whose unknowns are fitted to each. `apparatus`, what the
+    frames of a video have in common, where that was asked of one of them, and so of no other."""
 
-    `apparatus`, what the frames of a video have in common, where that was asked of one of them, and
-    so of no other.
-    """
+    apparatus: fitting.Apparatus | None = None
 
-    apparatus: Apparatus | None = None
+    refines: ClassVar[bool] = True
+    """Whether frames may know better than the scene states it."""
 
     def read(self, frames: Sequence[Frame], scene: Scene, capture: Capture) -> ProcessedFrame:
-        """Fit a one-state scene to a frame, and read the order on the branch it names.
-
-        InputError on a blank frame, PhysicsError where the scene's fringes are not in it.
-        """
+        """Fit a one-state scene to a frame, and read the order on the branch it names. InputError
+        on a blank frame, PhysicsError where the scene's fringes are not in it."""
         frame, apparatus = frames[0], self.apparatus
         data = _prepared(frame, scene, capture)
         if apparatus is not None:
@@ -86,19 +69,28 @@ class WithModel(FrameKind):
             normalised=signal.astype(np.float32), reading=reading, noise=noise, columns=columns,
             warnings=(*(apparatus.warnings if apparatus else ()), *notes, *of_largest),
         )  # fmt: skip
-        return _without_model(result, frame, scene, capture, data, has_slip) if lost else result
+        if not lost:
+            return result
+        # as the image alone shows it; the place that the lost fit ended at says nothing: the
+        # specimen is where it began, and only that place and its chi are left of it
+        began = fitting.evaluate_model(data, scene.with_values({fitting.GAMMA: data.gamma}))
+        image = read_alone(frame, scene, capture, inside=began.picture.material)[0]
+        place = [scene.get(k) if k.startswith("camera.") else None for k in fit.keys]
+        values, unknown = np.array(place, dtype=float), np.full(len(place), np.nan)
+        return replace(
+            result, normalised=image.normalised, lines=image.lines, noise=image.noise,
+            fit=replace(fit, scene=scene, values=values, standard_uncertainty=unknown),
+            warnings=(*result.warnings, *(() if has_slip else image.warnings)),
+        )  # fmt: skip
 
     def values(self, scene: Scene) -> tuple[str, ...]:
-        """What is fitted, and what frames refine."""
-        return (*self.fitted(scene), *((REFINED,) if stated_pairs(scene) else ()))
-
-    def fitted(self, scene: Scene) -> tuple[str, ...]:
-        """Columns of what is fitted to a frame: the unknowns of each frame's own state."""
-        keys = free_keys(sliding_scene(scene))
-        keys = (*keys, GAMMA) if scene.frames.gamma == "unknown" else keys
+        """What is fitted to a frame, the unknowns of each frame's own state; what frames refine."""
+        keys = fitting.free_keys(fitting.sliding_scene(scene))
+        keys = (*keys, fitting.GAMMA) if scene.frames.gamma == "unknown" else keys
         values = (name for key in keys for name in (key, f"{key} {SPREAD}"))
         pressure = PRESSURE if scene.is_contact else ()
-        return ("kept_share", *LARGEST_BY_MODEL, *pressure, *values, CAUSES)
+        refined = (REFINED,) if self.refines and fitting.stated_pairs(scene) else ()
+        return ("kept_share", *LARGEST_BY_MODEL, *pressure, *values, CAUSES, *refined)
 
 
 def _prepared(frame: Frame, scene: Scene, capture: Capture) -> FrameData:
@@ -109,13 +101,10 @@ def _prepared(frame: Frame, scene: Scene, capture: Capture) -> FrameData:
 
 
 def read_frame(
-    frame: Frame, data: FrameData, model: ModelFrame, *, chi: float, positive: bool
+    frame: Frame, data: FrameData, model: fitting.ModelFrame, *, chi: float, positive: bool
 ) -> tuple[OrderReading, float, bool]:
-    """Read a frame's orders on the branches of its model, however that was found.
-
-    The reading, the noise over the illumination, and whether the model is too far off to name
-    branches.
-    """
+    """Read a frame's orders on the branches of its model, however that was found. The reading, the
+    noise over the illumination, and whether the model is too far off to name branches."""
     noise, lost = _is_lost(data, model, chi=chi, positive=positive)
     reading = read_order(
         data.light, model.picture.order, model.wave, illumination=model.illumination,
@@ -129,53 +118,36 @@ def read_frame(
     return reading, noise, lost
 
 
-def _without_model(
-    lost: ProcessedFrame, frame: Frame, scene: Scene, capture: Capture, data: FrameData, slip: bool
-) -> ProcessedFrame:
-    """A frame whose fit was lost, as the image alone shows it; a `slip` is all that is said."""
-    assert lost.fit is not None
-    place = [scene.get(k) if k.startswith("camera.") else None for k in lost.fit.keys]
-    # the place that the lost fit ended at says nothing: the specimen is where it began
-    inside = evaluate_model(data, scene.with_values({GAMMA: data.gamma})).picture.material
-    image = read_alone(frame, scene, capture, inside=inside)[0]
-    # only the place it began with is left of it, and its chi
-    values, unknown = np.array(place, dtype=float), np.full(len(place), np.nan)
-    fit = replace(lost.fit, scene=scene, values=values, standard_uncertainty=unknown)
-    return replace(
-        lost, normalised=image.normalised, lines=image.lines, noise=image.noise, fit=fit,
-        warnings=(*lost.warnings, *(() if slip else image.warnings)),
-    )  # fmt: skip
-
-
 def _fitted(
     data: FrameData, scene: Scene, frame: Frame, *, as_stated: bool
-) -> tuple[FrameData, FrameFit, Scene, list[str], bool]:
-    """The frame as it was fitted, the fit, the scene that it began with, and what to say.
-
-    The last is whether a slip in the scene was found: the fit says nothing then. A disc's scene is
-    placed by its rim.
-    """
+) -> tuple[FrameData, fitting.FrameFit, Scene, list[str], bool]:
+    """The frame as it was fitted, the fit, the scene that it began with, and what to say. The last
+    is whether a slip in the scene was found: the fit says nothing then. A disc's scene is placed by
+    its rim."""
     notes: list[str] = []
     if scene.rim_diameter_mm is not None:
         scene, notes = placed_disc(scene, data)
+    has_slip = False
     try:
         if as_stated:
-            fit = fit_frame(data, scene)
-            return data, fit, scene, [*notes, *_opposite(scene, fit)], False
-        extended = fit_with_causes(data, scene, past=True)
-        fit, has_slip = extended.fit, extended.slip is not None
-        notes += [*cause_messages(extended), *(() if has_slip else _opposite(scene, fit))]
-        return extended.data, fit, scene, notes, has_slip
+            fit = fitting.fit_frame(data, scene)
+        else:
+            extended = fitting.fit_with_causes(data, scene, past=True)
+            data, fit, has_slip = extended.data, extended.fit, extended.slip is not None
+            notes += fitting.cause_messages(extended)
     except PhysicsError as error:
         raise PhysicsError(f"frame {frame.index} ({frame.name}): " + error.message) from error
+    if fit.positive and not has_slip:  # the shear may point the other way than the scene's
+        for key, *pair in zip(fit.keys, fit.values, fit.standard_uncertainty, strict=True):
+            text = fitting.opposite_shear(scene, key, *map(float, pair))
+            notes += [] if text is None else [text]
+    return data, fit, scene, notes, has_slip
 
 
 def placed_disc(scene: Scene, data: FrameData) -> tuple[Scene, list[str]]:
-    """Give the scene the disc's place in a frame by its rim, and the pixel where it has none.
-
-    Where no rim is found, the scene's own place is taken, and that is said. InputError without a
-    [camera], PhysicsError where there is neither a rim nor a place.
-    """
+    """Give the scene the disc's place in a frame by its rim, and the pixel where it has none. Where
+    no rim is found, the scene's own place is taken, and that is said. InputError without a
+    [camera], PhysicsError where there is neither a rim nor a place."""
     camera, diameter = scene.camera, scene.rim_diameter_mm
     if camera is None:
         raise InputError("camera_missing_picture_needs", name=scene.name)
@@ -223,40 +195,29 @@ def sharp_rim(data: FrameData, rim: Circle) -> Circle:
     return result if result.scatter < 0.01 * result.radius else rim
 
 
-def _opposite(given: Scene, fit: FrameFit) -> list[str]:
-    """What is said where the shear points the other way than the scene's."""
-    result = zip(fit.keys, fit.values, fit.standard_uncertainty, strict=True)
-    texts = [opposite_shear(given, key, float(value), float(u)) for key, value, u in result]
-    return [text for text in texts if text is not None and fit.positive]
-
-
-def _held(data: FrameData, fit: FrameFit) -> tuple[FrameData, ModelFrame]:
+def _held(data: FrameData, fit: fitting.FrameFit) -> tuple[FrameData, fitting.ModelFrame]:
     """The frame as its fit read it, and the fit at every pixel."""
     if fit.scene.frames.stated_gamma != data.gamma:
         data = data.toned(fit.scene.frames.stated_gamma)
     if fit.plain:
         data = data.plain()
-    return data, evaluate_model(data, fit.scene)
+    return data, fitting.evaluate_model(data, fit.scene)
 
 
 def _is_lost(
-    data: FrameData, model: ModelFrame, *, chi: float, positive: bool
+    data: FrameData, model: fitting.ModelFrame, *, chi: float, positive: bool
 ) -> tuple[float, bool]:
-    """The noise over the contrast, and whether a model is too far off to say anything.
-
-    Its values, and the branches that it names, say nothing then.
-    """
+    """The noise over the contrast, and whether a model is too far off to say anything. Its values,
+    and the branches that it names, say nothing then."""
     noise = model.contrast_noise(data.sigma) if positive else float("nan")
-    return noise, not positive or chi * noise > TOO_FAR
+    return noise, not positive or chi * noise > fitting.TOO_FAR
 
 
 def frame_causes(
     frame: Frame, scene: Scene, capture: Capture
 ) -> tuple[list[str], Explained] | None:
     """What `process` will say of how a scene explains a frame; None where it shows no fringes.
-
-    PhysicsError where no values give fringes of the right contrast.
-    """
+    PhysicsError where no values give fringes of the right contrast."""
     data = _prepared(frame, scene, capture)
     data, fit, _, notes, has_slip = _fitted(data, scene, frame, as_stated=False)
     if has_slip:
@@ -264,37 +225,31 @@ def frame_causes(
     if not (fit.positive or notes):
         return None
     _, lost = _is_lost(*_held(data, fit), chi=fit.chi, positive=fit.positive)
-    texts = [*notes, *_of_chi(fit), *([message(_NO_ORDER)] if lost else [])]
-    return texts, "not at all" if lost else "well enough"
+    notes += [*_of_chi(fit), *([message(_NO_ORDER)] if lost else [])]
+    return notes, "not at all" if lost else "well enough"
 
 
-def _of_chi(fit: FrameFit) -> list[str]:
+def _of_chi(fit: fitting.FrameFit) -> Iterator[str]:
     """What is said where the model leaves more than the frame's noise."""
     if fit.chi > POOR_CHI:
-        return [message("chi_model_does_not_describe", chi=fit.chi)]
-    return []
+        yield message("chi_model_does_not_describe", chi=fit.chi)
 
 
-def _warnings(fit: FrameFit, reading: OrderReading, lost: bool) -> list[str]:
-    result = _of_chi(fit)
+def _warnings(fit: fitting.FrameFit, reading: OrderReading, lost: bool) -> Iterator[str]:
+    yield from _of_chi(fit)
     if not fit.positive:
-        result.append(message("scene_fringes_not_frame_2", correct=message(_CORRECT)))
+        yield message("scene_fringes_not_frame_2", correct=message("correct_scene_load_place"))
     elif fit.plain:
-        result.append(message("no_smooth_illumination_fits"))
+        yield message("no_smooth_illumination_fits")
     if near := [m for m in fit.others if m.chi < ALIKE_CHI * fit.chi]:
         count, verb = counted(len(near), "other solution"), "s" * (len(near) == 1)
-        result.append(message("fit_nearly_well_give", counted=count, value=verb))
+        yield message("fit_nearly_well_give", counted=count, value=verb)
     if not fit.converged:
-        result.append(message("fit_did_not_converge"))
-    if lost:
-        result.append(message(_NO_ORDER))
-    else:
-        result += of_share(reading)
-    return result
+        yield message("fit_did_not_converge")
+    yield from [message(_NO_ORDER)] if lost else of_share(reading)
 
 
-def of_share(reading: OrderReading) -> list[str]:
+def of_share(reading: OrderReading) -> Iterator[str]:
     """What is said where few of the specimen's pixels could be read."""
-    if reading.kept >= 0.5:
-        return []
-    return [message("only_specimen_pixels_could_read_mask", kept=100 * reading.kept)]
+    if reading.kept < 0.5:
+        yield message("only_specimen_pixels_could_read_mask", kept=100 * reading.kept)
