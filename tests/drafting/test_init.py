@@ -289,14 +289,14 @@ def test_folders_of_no_load_frames_are_told_apart(folder):
 @pytest.mark.long
 def test_two_scenes_that_explain_a_frame_alike_are_refused(case, monkeypatch):
     """A picture whose own turn is told to be two things: the second is the same start, renamed."""
-    search = api.search_picture
+    search = api.fitting.search_picture
 
     def twice(*given, **choices):
         starts = search(*given, **choices)
         other = starts[0].lying._replace(rotate_deg=0)
         return (starts[0], replace(starts[0], lying=other), *starts[1:])
 
-    monkeypatch.setattr(api, "search_picture", twice)
+    monkeypatch.setattr(api.fitting, "search_picture", twice)
     with pytest.raises(isochrome.PhysicsError, match=r"two scenes explain frame 0 alike.*--field"):
         isochrome.init(case.captured, known_of(case))
 
@@ -308,12 +308,12 @@ def test_two_scenes_that_explain_a_frame_alike_are_refused(case, monkeypatch):
 )
 def test_a_fit_that_has_run_to_what_no_bench_has_is_no_contact(case, monkeypatch, key, value):
     """Of a contact whose middle is outside the picture: light of 80 terms then made chi 1.04."""
-    fit = api.fit_frame
+    fit = api.fitting.fit_frame
 
     def run_away(*given, **choices):
         found = fit(*given, **choices)
         return replace(found, scene=found.scene.with_values({key: value}))
 
-    monkeypatch.setattr(api, "fit_frame", run_away)
+    monkeypatch.setattr(api.fitting, "fit_frame", run_away)
     with pytest.raises(isochrome.PhysicsError, match="no contact explains frame 0"):
         isochrome.init(case.captured, known_of(case))

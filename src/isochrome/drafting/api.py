@@ -13,29 +13,16 @@ from dataclasses import replace
 from functools import partial
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from isochrome import figures, fitting
+from isochrome.drafting import scene_draft
 from isochrome.drafting.fields import QUANTITIES
-from isochrome.drafting.scene_draft import (
-    NEEDED,
-    NEEDED_BESIDE,
-    SCENE_FILE,
-    TURN,
-    DraftValue,
-    KnownValues,
-    OpenKey,
-    SceneDraft,
-    frame_of,
-    frames_to_look_at,
-    known_values,
-    not_among_frames,
-    refuse_unclear,
-    written_draft,
-)
-from isochrome.errors import InputError, IsochromeError, PhysicsError
+from isochrome.drafting.scene_draft import SceneDraft
+from isochrome.errors import InputError, PhysicsError
 from isochrome.estimation import (
     ALIKE_CHI,
     FIRST_DEGREES,
@@ -45,32 +32,6 @@ from isochrome.estimation import (
     light_basis,
     prepare_frame,
     total_degree,
-)
-from isochrome.figures import (
-    FRAME_MAP,
-    LINE_PT,
-    OVERLAY_COLOUR,
-    PaperPanels,
-    PictureKind,
-    panels_figure,
-    show_image,
-)
-from isochrome.fitting import (
-    FRICTION,
-    GAMMA,
-    TOO_FAR,
-    FrameFit,
-    Freed,
-    Lying,
-    PictureStart,
-    cause_messages,
-    evaluate_model,
-    fit_frame,
-    fit_with_causes,
-    free_keys,
-    light_matters,
-    rival_causes,
-    search_picture,
 )
 from isochrome.frames import Frame, FrameReader, as_turned, open_frames
 from isochrome.messages import message
@@ -87,27 +48,25 @@ if TYPE_CHECKING:
 Floats = NDArray[np.floating]
 
 
-def draft_figure(data: FrameData, scene: Scene, values: Sequence[DraftValue]) -> Figure:
+def draft_figure(data: FrameData, scene: Scene, values: Sequence[scene_draft.DraftValue]) -> Figure:
     """Draw a frame, as a scene of one state takes it, beside the scene's fringes."""
-    model_frame = evaluate_model(data, scene)
+    model_frame = fitting.evaluate_model(data, scene)
     light = model_frame.background + model_frame.illumination * np.nan_to_num(model_frame.signal(1))
     stored = np.maximum(light, 0.0) ** (1.0 / scene.frames.stated_gamma)
     model = np.where(model_frame.picture.material, stored, np.nan)
 
-    images = (data.raw, model)
-
-    def drawn(axes: Axes, _: int, *, of: int) -> AxesImage:
-        shown = _in_grey(axes, images[of], like=data.raw, **model_frame.pixels.scale)
+    def drawn(axes: Axes, _: int, *, image: Floats) -> AxesImage:
+        shown = _in_grey(axes, image, like=data.raw, **model_frame.pixels.scale)
         # the surface and the middle of what presses on it, no farther than the picture
         ends = axes.get_xlim(), axes.get_ylim()
-        axes.axhline(0.0, ls="-", color=OVERLAY_COLOUR, lw=LINE_PT)
-        axes.axvline(0.0, ls=":", color=OVERLAY_COLOUR, lw=LINE_PT)
+        axes.axhline(0.0, ls="-", color=figures.OVERLAY_COLOUR, lw=figures.LINE_PT)
+        axes.axvline(0.0, ls=":", color=figures.OVERLAY_COLOUR, lw=figures.LINE_PT)
         axes.set(xlim=ends[0], ylim=ends[1])
         return shown
 
+    images = {"the frame": data.raw, "the scene that was found": model}
     kinds = [
-        PictureKind(name=name, draw=partial(drawn, of=k))
-        for k, name in enumerate(("the frame", "the scene that was found"))
+        figures.PictureKind(name=k, draw=partial(drawn, image=one)) for k, one in images.items()
     ]
     # without the place, which the axes show
     texts = [
@@ -116,13 +75,15 @@ def draft_figure(data: FrameData, scene: Scene, values: Sequence[DraftValue]) ->
         if value.origin == "found" and value.key not in ("camera.left_mm", "camera.top_mm")
     ]
     lines = "Line: surface, or top (z = 0); dotted: middle (x = 0)"
-    return panels_figure(PaperPanels(kinds=kinds, labels=[""]), f"{'    '.join(texts)}\n{lines}")
+    return figures.panels_figure(
+        figures.PaperPanels(kinds=kinds, labels=[""]), f"{'    '.join(texts)}\n{lines}"
+    )
 
 
 def _in_grey(axes: Axes, image: Floats, *, like: Floats, **place: Any) -> AxesImage:
     """Draw an image with the greys of a frame: all but its outermost are told apart."""
     low, high = (float(v) for v in np.nanpercentile(like, [0.5, 99.5]))
-    return show_image(axes, image, cmap=FRAME_MAP, vmin=low, vmax=high, **place)
+    return figures.show_image(axes, image, cmap=figures.FRAME_MAP, vmin=low, vmax=high, **place)
 
 
 _FAR, _FEW = 5.0, 0.002
@@ -149,9 +110,7 @@ def has_no_fringes(data: FrameData) -> bool:
 LOAD, LEFT, TOP = "load.normal_n", "camera.left_mm", "camera.top_mm"
 FIELD, PIXEL = "polariscope.field", "camera.pixel_mm"
 
-_FIELDS: tuple[Literal["dark", "bright"], ...] = ("dark", "bright")
-
-FOUND = (LOAD, FRICTION, LEFT, TOP)
+FOUND = (LOAD, fitting.FRICTION, LEFT, TOP)
 
 _MOST_RIVALS = 4
 """Minima of the search that are fitted, for it knows gamma only roughly."""
@@ -168,9 +127,9 @@ _MOST_FRICTION, _GAMMAS = 1.5, (0.3, 4.0)
 and enough light would make it look right."""
 
 
-def start_scene(given: KnownValues, **tables: dict[str, Any]) -> Scene:
+def start_scene(given: scene_draft.KnownValues, **tables: dict[str, Any]) -> Scene:
     """The scene of a specimen before anything is found, with more `tables`."""
-    for name in NEEDED[given.shape]:
+    for name in scene_draft.NEEDED[given.shape]:
         table, _, entry = QUANTITIES[name].key.partition(".")
         tables.setdefault(table, {})[entry] = getattr(given, name)
     light = {"field": given.field or "dark", "wavelength_nm": given.wavelength_nm}
@@ -180,16 +139,16 @@ def start_scene(given: KnownValues, **tables: dict[str, Any]) -> Scene:
 
 
 def find_contact(
-    frame: Frame, scene: Scene, given: KnownValues, *, bit_depth: int | None
-) -> tuple[Lying, Freed[Any]]:
+    frame: Frame, scene: Scene, given: scene_draft.KnownValues, *, bit_depth: int | None
+) -> tuple[fitting.Lying, fitting.Freed[Any]]:
     """How a frame as captured lies, and its fit; PhysicsError: no contact explains it, or two."""
     data = prepare_frame(frame, scene, bit_depth=bit_depth)
     stated = {"turns": given.rotate_deg, "fields": given.field, "gammas": given.gamma}
     choices: dict[str, Any] = {name: (v,) for name, v in stated.items() if v is not None}
-    starts = search_picture(data, scene, flip=given.flip, **choices)
-    keys = FOUND if given.gamma is not None else (*FOUND, GAMMA)
+    starts = fitting.search_picture(data, scene, flip=given.flip, **choices)
+    keys = FOUND if given.gamma is not None else (*FOUND, fitting.GAMMA)
     first, best = _clear_best(_ranked(starts[:_MOST_RIVALS], keys, cold=False), frame)
-    answer = fit_with_causes(best.data, first.scene, keys, cold=False, slips=False)
+    answer = fitting.fit_with_causes(best.data, first.scene, keys, cold=False, slips=False)
     fit = answer.fit
     other_ways = [s.chi for s in starts if s is not best and s.lying[:3] != best.lying[:3]]
     rivals = min(other_ways, default=float("inf"))
@@ -209,13 +168,13 @@ def find_contact(
 
 
 def _ranked(
-    starts: Iterable[PictureStart], keys: tuple[str, ...], *, cold: bool
-) -> list[tuple[FrameFit, PictureStart]]:
+    starts: Iterable[fitting.PictureStart], keys: tuple[str, ...], *, cold: bool
+) -> list[tuple[fitting.FrameFit, fitting.PictureStart]]:
     """The fits that starts lead to, by rising chi, without those that no bench has."""
-    fits: list[tuple[FrameFit, PictureStart]] = []
+    fits: list[tuple[fitting.FrameFit, fitting.PictureStart]] = []
     for start in starts:
         try:
-            fit = fit_frame(start.data, start.scene, keys, cold=cold)
+            fit = fitting.fit_frame(start.data, start.scene, keys, cold=cold)
         except (InputError, PhysicsError):
             continue  # it has left the picture, or its contact cannot be solved
         if fit.positive and not _is_no_bench(fit):
@@ -223,36 +182,43 @@ def _ranked(
     return sorted(fits, key=lambda pair: pair[0].chi)
 
 
-def _is_lost(fit: FrameFit, start: PictureStart) -> bool:
+def _is_lost(fit: fitting.FrameFit, start: fitting.PictureStart) -> bool:
     """Whether a fit is so far off that its values say nothing, as `process` has it."""
-    sigma = start.data.toned(fit.scene.get(GAMMA)).sigma
-    return fit.chi * evaluate_model(start.data, fit.scene).contrast_noise(sigma) > TOO_FAR
+    sigma = start.data.toned(fit.scene.get(fitting.GAMMA)).sigma
+    return (
+        fit.chi * fitting.evaluate_model(start.data, fit.scene).contrast_noise(sigma)
+        > fitting.TOO_FAR
+    )
 
 
 def _clear_best(
-    fits: list[tuple[FrameFit, PictureStart]], frame: Frame
-) -> tuple[FrameFit, PictureStart]:
+    fits: list[tuple[fitting.FrameFit, fitting.PictureStart]], frame: Frame
+) -> tuple[fitting.FrameFit, fitting.PictureStart]:
     """The best fit of a contact; refused where it says nothing, or another leaves as little."""
     if not fits or _is_lost(*fits[0]):
         raise _unexplained(frame, fits[0][0].chi if fits else None)
-    first, best = fits[0]
-    for other, second in fits[1:2]:
-        loads, frictions = ([f.scene.get(k) for f in (first, other)] for k in (LOAD, FRICTION))
-        same = abs(loads[1] / loads[0] - 1.0) < 0.01 and abs(frictions[1] - frictions[0]) < 0.01
-        same = same and best.lying[:3] == second.lying[:3]
-        if other.chi < ALIKE_CHI * first.chi and not same:
-            words, words_2 = _in_words(first, best), _in_words(other, second)
+    two = [
+        (fit.scene.get(LOAD), fit.scene.get(fitting.FRICTION), *s.lying[:3]) for fit, s in fits[:2]
+    ]
+    if len(two) > 1 and fits[1][0].chi < ALIKE_CHI * fits[0][0].chi:
+        (load, friction, *lying), (load_2, friction_2, *lying_2) = two
+        near = abs(load_2 / load - 1.0) < 0.01 and abs(friction_2 - friction) < 0.01
+        if not near or lying != lying_2:
+            words, words_2 = (
+                f"{load:.3g} N with friction {mu:.2f} (turned by {turn} degrees, {field} field)"
+                for load, mu, turn, _, field in two
+            )
             raise PhysicsError(
                 "two_scenes_explain_frame_alike",
                 name=frame.name, index=frame.index, in_words=words, in_words_2=words_2,
             )  # fmt: skip
-    return first, best
+    return fits[0]
 
 
-def _is_no_bench(fit: FrameFit) -> bool:
+def _is_no_bench(fit: fitting.FrameFit) -> bool:
     """Whether a fit has run to a friction or a gamma that no bench has."""
     least, most = _GAMMAS
-    gamma = GAMMA in fit.keys and not least < fit.scene.get(GAMMA) < most
+    gamma = fitting.GAMMA in fit.keys and not least < fit.scene.get(fitting.GAMMA) < most
     return bool(gamma or abs(fit.scene.friction_at(0.0)) > _MOST_FRICTION)
 
 
@@ -262,26 +228,40 @@ def _unexplained(frame: Frame, chi: float | None) -> PhysicsError:
     return PhysicsError("no_contact_explains_frame", name=frame.name, index=frame.index, best=best)
 
 
-def _in_words(fit: FrameFit, start: PictureStart) -> str:
-    turn, _, field, _ = start.lying
-    load, friction = fit.scene.get(LOAD), fit.scene.get(FRICTION)
-    return f"{load:.3g} N with friction {friction:.2f} (turned by {turn} degrees, {field} field)"
-
-
 _HAS_SIDE = 4.0
 """Standard uncertainties beyond which friction has a side."""
 
 
-def draft_contact(frames: FrameReader, given: KnownValues) -> SceneDraft:
-    """Draft the scene of a contact; see `draft_scene`."""
+def draft_contact(frames: FrameReader, given: scene_draft.KnownValues) -> SceneDraft:
+    """Draft the scene of a contact by the first frame that it explains; see `draft_scene`.
+
+    Where it explains none, the first refusal of one with fringes.
+    """
     pixel_mm = given.pixel_mm or frames.pixel_mm
     assert pixel_mm is not None
     camera = {"pixel_mm": pixel_mm, "left_mm": 0.0, "top_mm": 0.0}
     scene = start_scene(given, friction={"coefficient": 0.0}, camera=camera)
     check_moduli(scene)
     check_pixel(scene, frames.shape)
-    index, lying, answer = _first_explained(frames, scene, given)
-    fit, messages = answer.fit, cause_messages(answer, light=light_matters(answer))
+    refused, bare = None, list[Frame]()
+    for index in scene_draft.frames_to_look_at(frames, given):
+        frame = scene_draft.frame_of(frames, index, given)
+        try:
+            lying, answer = find_contact(frame, scene, given, bit_depth=frames.bit_depth)
+            break
+        except PhysicsError as error:
+            if has_no_fringes(prepare_frame(frame, scene, bit_depth=frames.bit_depth)):
+                bare.append(frame)
+            else:
+                refused = refused or error
+    else:
+        if refused is None:
+            frames_named = named_frames([one.index for one in bare])
+            refused = PhysicsError(
+                "no_fringes_whose_light", name=bare[0].name, named_frames=frames_named
+            )
+        raise refused
+    fit, messages = answer.fit, fitting.cause_messages(answer, light=fitting.light_matters(answer))
     if answer.fit.chi > POOR_CHI:
         messages += (message("chi_frame_holds_more", chi=fit.chi),)
     values = _found_values(lying, answer, given)
@@ -292,36 +272,17 @@ def draft_contact(frames: FrameReader, given: KnownValues) -> SceneDraft:
         "how well.",
     ]
     draw = partial(draft_figure, answer.data, fit.scene, values)
-    return written_draft(
+    return scene_draft.written_draft(
         frames, given, index, sentences, values, draw, warnings=messages, chi=fit.chi
     )
 
 
-def _first_explained(
-    frames: FrameReader, scene: Scene, given: KnownValues
-) -> tuple[int, Lying, Freed[Any]]:
-    """The first frame that a contact explains, and that; else the first refusal with fringes."""
-    refused: IsochromeError | None = None
-    bare: list[Frame] = []
-    for index in frames_to_look_at(frames, given):
-        frame = frame_of(frames, index, given)
-        try:
-            return index, *find_contact(frame, scene, given, bit_depth=frames.bit_depth)
-        except PhysicsError as error:
-            if has_no_fringes(prepare_frame(frame, scene, bit_depth=frames.bit_depth)):
-                bare.append(frame)
-            else:
-                refused = refused or error
-    if refused is None:
-        frames_named = named_frames([one.index for one in bare])
-        raise PhysicsError("no_fringes_whose_light", name=bare[0].name, named_frames=frames_named)
-    raise refused
-
-
-def _found_values(lying: Lying, answer: Freed[Any], given: KnownValues) -> list[DraftValue]:
+def _found_values(
+    lying: fitting.Lying, answer: fitting.Freed[Any], given: scene_draft.KnownValues
+) -> list[scene_draft.DraftValue]:
     """What the frame tells, with the keys that it cannot tell from other causes."""
-    fit, rivals = answer.fit, rival_causes(answer)
-    number = fit.keys.index(FRICTION)
+    fit, rivals = answer.fit, fitting.rival_causes(answer)
+    number = fit.keys.index(fitting.FRICTION)
     friction, spread = float(fit.values[number]), float(fit.standard_uncertainty[number])
     has_side = abs(friction) > _HAS_SIDE * spread
     side = "right" if friction > 0.0 else "left"
@@ -336,7 +297,7 @@ def _found_values(lying: Lying, answer: Freed[Any], given: KnownValues) -> list[
     place = f"is row {row:.1f}" if row >= 0.0 else f"is {-row:.1f} rows above the picture"
     notes = {
         LOAD: f"about {given.load_n:g} was given",
-        FRICTION: dragged if has_side else "no friction is seen in this frame",
+        fitting.FRICTION: dragged if has_side else "no friction is seen in this frame",
         LEFT: "of the first column's outer edge, from the middle of the contact",
         TOP: f"of the first row's outer edge, below the surface, which {place}",
     }
@@ -349,25 +310,30 @@ def _found_values(lying: Lying, answer: Freed[Any], given: KnownValues) -> list[
     if has_side:
         return values
     # a friction that is not seen would state a side
-    return [replace(one, value=0.0) if one.key == FRICTION else one for one in values]
+    return [replace(one, value=0.0) if one.key == fitting.FRICTION else one for one in values]
 
 
 def fitted_values(
-    fit: FrameFit, notes: Mapping[str, str], given: KnownValues, lying: Lying
-) -> list[DraftValue]:
+    fit: fitting.FrameFit,
+    notes: Mapping[str, str],
+    given: scene_draft.KnownValues,
+    lying: fitting.Lying,
+) -> list[scene_draft.DraftValue]:
     """What a fit tells, and how the picture lies; a key without a note the frame asks for."""
     spread = dict(zip(fit.keys, fit.standard_uncertainty.tolist(), strict=True))
-    notes = {GAMMA: "the camera stores light^(1/gamma)"} | dict(notes)
+    notes = {fitting.GAMMA: "the camera stores light^(1/gamma)"} | dict(notes)
     values = [
-        DraftValue(key, float(fit.scene.get(key)), "found", spread[key],
+        scene_draft.DraftValue(key, float(fit.scene.get(key)), "found", spread[key],
                    notes.get(key, "the frame asks for it"))
-        for key in dict.fromkeys((*FOUND, GAMMA, *fit.keys))
+        for key in dict.fromkeys((*FOUND, fitting.GAMMA, *fit.keys))
         if key in spread
     ]  # fmt: skip
-    values += [DraftValue(FIELD, lying.field, "found")] * (given.field is None)
+    values += [scene_draft.DraftValue(FIELD, lying.field, "found")] * (given.field is None)
     if given.rotate_deg is None and lying.rotate_deg:
         note = "quarter turns, counter-clockwise, after which the load comes from above"
-        values.append(DraftValue(TURN, lying.rotate_deg, "found", note=note))
+        values.append(
+            scene_draft.DraftValue(scene_draft.TURN, lying.rotate_deg, "found", note=note)
+        )
     return values
 
 
@@ -380,29 +346,32 @@ _NOTES = {
 
 _STANDARD = {
     FIELD: 'polariscope\'s field, "dark" or "bright"; taken as "dark" until then',
-    GAMMA: "camera's exponent, 1 for most cameras, 2.2 for photographs; taken as 1 until then",
-    TURN: "quarter turns, 90, 180 or 270, by which the pictures are turned; none until then",
+    fitting.GAMMA: (
+        "camera's exponent, 1 for most cameras, 2.2 for photographs; taken as 1 until then"
+    ),
+    scene_draft.TURN: (
+        "quarter turns, 90, 180 or 270, by which the pictures are turned; none until then"
+    ),
 }
 """Keys that have a value of their own where a scene does not give them."""
 
 
-def draft_disc(frames: FrameReader, given: KnownValues) -> SceneDraft:
+def draft_disc(frames: FrameReader, given: scene_draft.KnownValues) -> SceneDraft:
     """Draft the scene of a disc; PhysicsError where no turn and field explains it, or two."""
-    frame = frame_of(frames, frames_to_look_at(frames, given)[0], given)
+    frame = scene_draft.frame_of(frames, scene_draft.frames_to_look_at(frames, given)[0], given)
     camera = {} if given.pixel_mm is None else {"pixel_mm": given.pixel_mm}
     bare = start_scene(given, specimen={"shape": "disc"}, camera=camera)
     data = prepare_frame(frame, bare, bit_depth=frames.bit_depth)
     # half a turn changes nothing
-    turns: tuple[int, ...] = (0, 90) if given.rotate_deg is None else (given.rotate_deg,)
-    fields = _FIELDS if given.field is None else (given.field,)
+    turns = (0, 90) if given.rotate_deg is None else (given.rotate_deg,)
     starts = []
-    for turn, field in product(turns, fields):
+    for turn, field in product(turns, (given.field,) if given.field else ("dark", "bright")):
         turned = data.lying(partial(as_turned, rotate_deg=turn, flip=given.flip))
-        scene, _ = placed_disc(bare.with_values({FIELD: field, TURN: turn}), turned)
-        lying = Lying(turn, given.flip, field, scene.frames.stated_gamma)
-        starts.append(PictureStart(lying, scene, turned, math.nan))
-    stated = {GAMMA: given.gamma, PIXEL: given.pixel_mm}
-    keys = (*free_keys(scene), *(key for key, value in stated.items() if value is None))
+        scene, _ = placed_disc(bare.with_values({FIELD: field, scene_draft.TURN: turn}), turned)
+        lying = fitting.Lying(turn, given.flip, field, scene.frames.stated_gamma)
+        starts.append(fitting.PictureStart(lying, scene, turned, math.nan))
+    stated = {fitting.GAMMA: given.gamma, PIXEL: given.pixel_mm}
+    keys = (*fitting.free_keys(scene), *(key for key, value in stated.items() if value is None))
     fits = _ranked(starts, keys, cold=True)
     if not fits or _is_lost(*fits[0]):
         raise PhysicsError("disc_fringes_not_frame", name=data.name)
@@ -414,33 +383,39 @@ def draft_disc(frames: FrameReader, given: KnownValues) -> SceneDraft:
         raise PhysicsError("two_scenes_explain_frame", name=data.name, ways=ways)
     fit, best = fits[0]
     values = fitted_values(fit, _NOTES, given, best.lying)
-    leave = f"the disc's fringes leave {fit.chi:.2f} times its noise."
-    sentences = [f"Frame {frame.index} was looked at: {leave}"]
+    sentences = [
+        f"Frame {frame.index} was looked at: the disc's fringes leave {fit.chi:.2f} times its noise"
+        "."
+    ]
     warnings = [] if fit.chi <= POOR_CHI else [message("chi_disc_fringes_leave", chi=fit.chi)]
     draw = partial(draft_figure, best.data, fit.scene, values)
-    return written_draft(
+    return scene_draft.written_draft(
         frames, given, frame.index, sentences, values, draw, warnings=warnings, chi=fit.chi
     )
 
 
-def draft_without_model(frames: FrameReader, given: KnownValues) -> SceneDraft:
+def draft_without_model(frames: FrameReader, given: scene_draft.KnownValues) -> SceneDraft:
     """Draft a scene without a model, whose frames are read from the image alone."""
-    frame = frame_of(frames, frames_to_look_at(frames, given)[0], given)
-    quantities = (QUANTITIES[k] for k in (*NEEDED_BESIDE, "pixel_mm"))
+    frame = scene_draft.frame_of(frames, scene_draft.frames_to_look_at(frames, given)[0], given)
+    quantities = (QUANTITIES[k] for k in (*scene_draft.NEEDED_BESIDE, "pixel_mm"))
     hints = {quantity.key: quantity.question for quantity in quantities} | _STANDARD
-    open_keys = [OpenKey(key, hint) for key, hint in hints.items()]
+    open_keys = [scene_draft.OpenKey(key, hint) for key, hint in hints.items()]
     sentences = [message("specimen_has_no_model")]
     image = as_turned(frame.image, given.rotate_deg or 0, given.flip)
-    kind = PictureKind(name="", draw=lambda axes, _: _in_grey(axes, image, like=image))
-    draw = partial(panels_figure, PaperPanels(kinds=[kind], labels=["the frame"]), "")
-    return written_draft(frames, given, frame.index, sentences, (), draw, open_keys=open_keys)
+    kind = figures.PictureKind(name="", draw=lambda axes, _: _in_grey(axes, image, like=image))
+    draw = partial(
+        figures.panels_figure, figures.PaperPanels(kinds=[kind], labels=["the frame"]), ""
+    )
+    return scene_draft.written_draft(
+        frames, given, frame.index, sentences, (), draw, open_keys=open_keys
+    )
 
 
 PREVIEW_FILE = "scene.png"
 
 
 def draft_scene(
-    frames: FramesLike, given: KnownValues, leave_out: Sequence[str | Path]
+    frames: FramesLike, given: scene_draft.KnownValues, leave_out: Sequence[str | Path]
 ) -> SceneDraft:
     """Draft a scene from frames as captured and what is known besides; nothing is written.
 
@@ -449,13 +424,13 @@ def draft_scene(
     drafts = {"contact": draft_contact, "disc": draft_disc, "other": draft_without_model}
     taken = {name: getattr(given, name) for name in ("channel", "wavelength_nm", "bit_depth")}
     with open_frames(frames, **taken, leave_out=leave_out) as reader, single_threaded():
-        refuse_unclear(reader, given)
+        scene_draft.refuse_unclear(reader, given)
         return drafts[given.shape](reader, given)
 
 
 def init(
     frames: FramesLike,
-    known: KnownValues | Mapping[str, Any],
+    known: scene_draft.KnownValues | Mapping[str, Any],
     out: str | Path | None = None,
     *,
     replace: bool = False,
@@ -508,19 +483,19 @@ def init(
     >>> round(found.scene.load.normal_n, 1), found.scene.polariscope.field
     (44.0, 'dark')
     """
-    given = known_values(known)
+    given = scene_draft.known_values(known)
     _refuse_existing(out, replace)
-    draft = draft_scene(frames, given, not_among_frames(frames))
+    draft = draft_scene(frames, given, scene_draft.not_among_frames(frames))
     if out is not None:
         _refuse_existing(out, replace)  # somebody may have written one meanwhile
         with staged(out) as folder:
-            write_text(folder / SCENE_FILE, draft.text)
+            write_text(folder / scene_draft.SCENE_FILE, draft.text)
             write_figure(folder / PREVIEW_FILE, draft.figure())
     return draft
 
 
 def _refuse_existing(out: str | Path | None, replace: bool) -> None:
     """Refuse to write over a scene that is not to be replaced."""
-    path = Path(out or "") / SCENE_FILE
+    path = Path(out or "") / scene_draft.SCENE_FILE
     if out is not None and not replace and os.path.lexists(path):
         raise InputError("there_already_name_another", path=path)

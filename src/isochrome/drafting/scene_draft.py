@@ -51,11 +51,6 @@ class KnownValues:
     flip: Literal["horizontal", "vertical"] | None = None
     frame: int | None = None  # from 0; by default the first that shows the fringes
 
-    @property
-    def missing(self) -> tuple[str, ...]:
-        """Names of what must be known besides for this shape, in the order of `QUANTITIES`."""
-        return tuple(name for name in NEEDED[self.shape] if getattr(self, name) is None)
-
 
 NEEDED = {
     shape: tuple(name for name, one in QUANTITIES.items() if one.needed and shape in one.kinds)
@@ -116,29 +111,31 @@ def written_draft(
 ) -> SceneDraft:
     """A scene of what is given, what the file tells, what was `fitted`; what is open; read back."""
     turn = next((value.value for value in fitted if value.key == TURN), given.rotate_deg)
-    values = [
-        *given_values(given), *file_values(reader, given, turned=turn in (90, 270)), *fitted
-    ]  # fmt: skip
+    values = [*values_as_known(reader, given, turned=turn in (90, 270)), *fitted]
     # a frame may tell what was given, or what its file has, otherwise
     values = list({value.key: value for value in values}.values())
     present = {value.key for value in values}
-    light = ((key, getattr(given, name)) for name, key in LIGHT.items() if key not in present)
-    values += [DraftValue(key, v, "given") for key, v in light if v]
+    values += [
+        DraftValue(key, light, "given")
+        for name, key in LIGHT.items()
+        if key not in present and (light := getattr(given, name))
+    ]
     present = {value.key for value in values}
-    open_keys = [k for k in (*open_keys, *open_of_set(reader, given)) if k.key not in present]
-    head = [f"Drafted by isochrome init from {described_set(reader)}", *sentences]
+    rate = frame_rate(reader)
+    open_keys = [*open_keys, *open_of_set(given, timed=rate is not None)]
+    open_keys = [k for k in open_keys if k.key not in present]
+    rows, cols = reader.shape
+    depth = "fractions of full scale" if reader.bit_depth is None else f"{reader.bit_depth} bits"
+    timed = "" if rate is None else f", {rate:.4g} a second by their times"
+    frames = f"{Path(name_of(reader)).name}: {counted(reader.count(decode=False), 'frame')}"
+    described_set = f"{frames} of {cols} x {rows} pixels, {depth}{timed}."
+    head = [f"Drafted by isochrome init from {described_set}", *sentences]
     lines = [(value.key, *_written(value)) for value in values]
     text = scene_text(head, [*lines, *((k.key, "", f"fill in: {k.hint}") for k in open_keys)])
     return SceneDraft(
-        text=text,
-        scene=parse_scene(text, name="scene"),
-        values=tuple(values),
-        open=tuple(open_keys),
-        warnings=tuple(warnings),
-        frame=frame,
-        chi=chi,
-        draw=draw,
-    )
+        text=text, scene=parse_scene(text, name="scene"), values=tuple(values),
+        open=tuple(open_keys), warnings=tuple(warnings), frame=frame, chi=chi, draw=draw,
+    )  # fmt: skip
 
 
 def scene_text(head: Sequence[str], lines: Sequence[tuple[str, str, str]]) -> str:
@@ -324,7 +321,7 @@ def not_among_frames(frames: FramesLike) -> tuple[Path, ...]:
 
 def open_questions(frames: FrameReader, given: KnownValues) -> tuple[str, ...]:
     """Fields of KnownValues that must be known besides; `QUANTITIES` has the words to ask."""
-    names = list(given.missing)
+    names = [name for name in NEEDED[given.shape] if getattr(given, name) is None]
     if given.pixel_mm is None and frames.pixel_mm is None and given.shape not in WITH_OWN_SCALE:
         names.append("pixel_mm")
     if frames.channel is not None and given.channel is None and given.wavelength_nm is None:
@@ -334,13 +331,13 @@ def open_questions(frames: FrameReader, given: KnownValues) -> tuple[str, ...]:
 
 def refuse_unclear(reader: FrameReader, given: KnownValues) -> None:
     """Refuse to begin without what no frame tells, or where nobody tells its colours or scale."""
-    if given.missing:
-        quantity = QUANTITIES[given.missing[0]]
-        options = " and ".join(f"--{name.replace('_', '-')}" for name in given.missing)
+    name, unknown = name_of(reader), open_questions(reader, given)
+    if missing := [name for name in unknown if name in NEEDED[given.shape]]:
+        quantity = QUANTITIES[missing[0]]
+        options = " and ".join(f"--{name.replace('_', '-')}" for name in missing)
         raise InputError(
             "not_known_no_frame", key=quantity.key, options=options, question=quantity.question
         )
-    name, unknown = name_of(reader), open_questions(reader, given)
     if "wavelength_nm" in unknown:
         raise InputError("has_red_green_blue", name=name, usual=QUANTITIES["wavelength_nm"].range)
     if "pixel_mm" in unknown:
@@ -378,34 +375,30 @@ def frame_of(reader: FrameReader, index: int, given: KnownValues) -> Frame:
     return frame
 
 
-def given_values(given: KnownValues) -> list[DraftValue]:
-    """The shape, and what was given of what it needs."""
-    shape = given.shape
+def values_as_known(reader: FrameReader, given: KnownValues, *, turned: bool) -> list[DraftValue]:
+    """The shape, what it needs as given, and the camera's size, bits and scale.
+
+    `turned`: the scene lies a quarter turn otherwise.
+    """
+    shape, depth = given.shape, reader.bit_depth
     values = [DraftValue("specimen.shape", shape, "given")] * (shape in STATED_SHAPES)
     for name in NEEDED[shape] or NEEDED_BESIDE:
         if (value := getattr(given, name)) is not None:
             one = QUANTITIES[name]
             values.append(DraftValue(one.key, value, "given", note=one.unit))
-    return values
-
-
-def file_values(reader: FrameReader, given: KnownValues, *, turned: bool) -> list[DraftValue]:
-    """The camera's size, bits and scale; `turned`: the scene lies a quarter turn otherwise."""
     rows, cols = reader.shape[::-1] if turned else reader.shape
     turn = "after the turn by frames.rotate_deg" if turned else ""
-    values = [
-        DraftValue("camera.width_px", cols, "file", note=turn),
-        DraftValue("camera.height_px", rows, "file"),
-    ]
-    if reader.bit_depth is not None:
+    values.append(DraftValue("camera.width_px", cols, "file", note=turn))
+    values.append(DraftValue("camera.height_px", rows, "file"))
+    if depth is not None:
         origin: Origin = "file" if given.bit_depth is None else "given"
-        values.append(DraftValue("camera.bit_depth", reader.bit_depth, origin))
+        values.append(DraftValue("camera.bit_depth", depth, origin))
     if given.pixel_mm is None and reader.pixel_mm is not None:
         values.append(DraftValue("camera.pixel_mm", reader.pixel_mm, "file"))
     return values
 
 
-def open_of_set(reader: FrameReader, given: KnownValues) -> list[OpenKey]:
+def open_of_set(given: KnownValues, *, timed: bool) -> list[OpenKey]:
     """What of the light and of the recording is still open, and of a scene without a model."""
     wavelength = QUANTITIES["wavelength_nm"]
     keys = [OpenKey(wavelength.key, wavelength.question)] * (given.wavelength_nm is None)
@@ -415,7 +408,7 @@ def open_of_set(reader: FrameReader, given: KnownValues) -> list[OpenKey]:
             f'"no-load-{name}.tif"'
         )
         keys.append(OpenKey(f"frames.no_load_{name}", text))
-    if frame_rate(reader) is not None:
+    if timed:
         text = "sliding speed (mm/s), usually 1 to 500: gives the distance of each frame"
         keys.append(OpenKey("frames.sliding_speed_mm_per_s", text))
     if given.shape == "other":
@@ -431,12 +424,3 @@ def frame_rate(reader: FrameReader) -> float | None:
     if len(known) < 2 or len(known) < len(times) or known[-1] <= known[0]:
         return None
     return (len(known) - 1) / (known[-1] - known[0])
-
-
-def described_set(reader: FrameReader) -> str:
-    """What the frames are, for the scene's head."""
-    rows, cols = reader.shape
-    depth = "fractions of full scale" if reader.bit_depth is None else f"{reader.bit_depth} bits"
-    count, rate = counted(reader.count(decode=False), "frame"), frame_rate(reader)
-    timed = "" if rate is None else f", {rate:.4g} a second by their times"
-    return f"{Path(name_of(reader)).name}: {count} of {cols} x {rows} pixels, {depth}{timed}."

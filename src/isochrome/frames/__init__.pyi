@@ -1,4 +1,5 @@
 from .checks import Check, Finding, Level, look_through, misfits
+from .images import open_tiff
 from .linear import (
     Linear,
     NoiseModel,
@@ -30,7 +31,6 @@ from .opening import (
     with_file_scale,
 )
 from .reading import CHANNELS, SAME, Channel, Frame, FrameReader, FramesPath, as_captured, as_turned
-from .tiff import open_tiff
 from .video import begins_anew, length_bytes
 
 __all__ = [

@@ -11,7 +11,6 @@ import hashlib
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from itertools import chain, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -23,7 +22,7 @@ from isochrome.figures import LINE_COLOURS, LINE_PT, new_figure, style_axes
 from isochrome.frames import linear
 from isochrome.frames.images import signature_of
 from isochrome.frames.opening import check_scale, open_scene_frames, with_file_scale
-from isochrome.frames.reading import Frame, FrameReader, Mask
+from isochrome.frames.reading import Frame, FrameReader
 from isochrome.messages import message, messages_data
 from isochrome.output import Result, counted, named_frames
 from isochrome.scene import Camera, FramesLike, Scene, check_moduli, check_pixel
@@ -53,61 +52,51 @@ _DRIFT = 1.25
 UNLOADED = "looks_like_unloaded_specimen"
 
 
-@dataclass(kw_only=True)
-class LoadSigns:
-    """What of each frame says whether its specimen is loaded.
-
-    `pictures`, the no-load frames as block means of their light; of each frame `unlike`, how far it
-    is from each picture, and `paths`, how far its levels go up and down along its lines, at most
-    and usually, in full scales.
-    """
-
-    pictures: dict[str, Array] = field(default_factory=dict)
-    unlike: list[dict[str, float]] = field(default_factory=list)
-    paths: list[tuple[float, float]] = field(default_factory=list)
-
-    def add(self, frame: Frame, full: float, gamma: float) -> None:
-        """Look at one frame, whose grey levels end at `full`."""
-        blocks = _blocks(frame.image, frame.mask) / full
-        light = np.sign(blocks) * np.abs(blocks) ** gamma
-        self.unlike.append({key: _unlike(light, picture) for key, picture in self.pictures.items()})
-        steps = (np.abs(np.nan_to_num(np.diff(blocks, axis=k), posinf=0.0)) for k in (0, 1))
-        paths = [step.sum(axis=k) for k, step in enumerate(steps)]
-        usual = max(float(np.percentile(path, _USUAL)) for path in paths)
-        self.paths.append((max(float(path.max()) for path in paths), usual))
-
-
 NoLoad = tuple[linear.Linear | None, linear.Linear | None]
 """The scene's dark and bright no-load frame."""
 
 
-def load_signs(scene: Scene, no_load: NoLoad) -> LoadSigns | None:
-    """Begin to look for unloaded frames; None where loads change, some have none, or of steps."""
+def no_load_pictures(scene: Scene, no_load: NoLoad) -> dict[str, Array] | None:
+    """Block means of the no-load frames' light; None where unloaded frames are not looked for.
+
+    Where loads change, some frames have none, or steps or colours tell the orders.
+    """
     frames, load = scene.frames, scene.load
     changes = load is not None and not isinstance(load.normal_n, int | float)
     without = frames.starts_unloaded or frames.known_loads_n or scene.polariscope.tells_orders
     if changes or without:
         return None
-    signs = LoadSigns()
+    pictures = {}
     for key, one in zip(("no_load_dark", "no_load_bright"), no_load, strict=True):
         if one is not None:
             # by the means of its levels, edges included, as that of frames
             levels = _blocks(np.maximum(one.image, 0.0) ** (1.0 / frames.first_gamma), one.valid)
-            signs.pictures[f"frames.{key}"] = np.asarray(levels**frames.first_gamma)
-    return signs
+            pictures[f"frames.{key}"] = np.asarray(levels**frames.first_gamma)
+    return pictures
 
 
-def _among_many(none: NDArray[np.bool_], many: NDArray[np.bool_]) -> list[int]:
-    """Runs of frames without fringes between frames of many; at an end of the set, beside two."""
-    runs: list[int] = []
-    ends = np.flatnonzero(np.diff(np.concatenate([[False], none, [False]]).astype(int)))
-    for start, stop in ends.reshape(-1, 2).tolist():
-        before, after = many[:start][-2:], many[stop:][:2]
-        sides = [before[-1:], after[:1]] if start and stop < len(none) else [before, after]
-        beside = np.concatenate(sides)
-        if beside.size == 2 and beside.all():
-            runs += range(start, stop)
-    return runs
+def _load_signs(
+    frame: Frame, pictures: dict[str, Array], full: float, gamma: float
+) -> dict[str, float]:
+    """How far a frame's light is from each picture, whose lamp may have drifted; inf: unknown.
+
+    And how far its levels go up and down along its lines, at `most` and as is `usual`.
+    """
+    blocks = _blocks(frame.image, frame.mask) / full
+    light = np.sign(blocks) * np.abs(blocks) ** gamma
+    signs = {}
+    for key, picture in pictures.items():
+        known = np.isfinite(light) & np.isfinite(picture) if light.shape == picture.shape else False
+        signs[key] = float("inf")
+        if np.any(known):
+            here, reference = light[known], picture[known]
+            gain = float(np.median(here)) / max(float(np.median(reference)), 1e-9)
+            gain = min(max(gain, 1.0 / _DRIFT), _DRIFT)
+            signs[key] = float(np.percentile(np.abs(here - gain * reference), _FARTHEST))
+    steps = (np.abs(np.nan_to_num(np.diff(blocks, axis=k), posinf=0.0)) for k in (0, 1))
+    paths = [step.sum(axis=k) for k, step in enumerate(steps)]
+    signs["usual"] = max(float(np.percentile(path, _USUAL)) for path in paths)
+    return signs | {"most": max(float(path.max()) for path in paths)}
 
 
 def _blocks(image: NDArray[Any], mask: NDArray[np.bool_] | None) -> Array:
@@ -119,17 +108,6 @@ def _blocks(image: NDArray[Any], mask: NDArray[np.bool_] | None) -> Array:
     rows, cols = (n // by for n in values.shape)
     cut = values[: rows * by, : cols * by]
     return np.asarray(cut.reshape(rows, by, cols, by).mean(axis=(1, 3)))
-
-
-def _unlike(light: Array, picture: Array) -> float:
-    """How far a frame's light is from a picture whose lamp may have drifted; inf where unknown."""
-    known = np.isfinite(light) & np.isfinite(picture)
-    if light.shape != picture.shape or not known.any():
-        return float("inf")
-    here, reference = light[known], picture[known]
-    gain = float(np.median(here)) / max(float(np.median(reference)), 1e-9)
-    gain = min(max(gain, 1.0 / _DRIFT), _DRIFT)
-    return float(np.percentile(np.abs(here - gain * reference), _FARTHEST))
 
 
 Level = Literal["error", "warning", "note"]
@@ -158,63 +136,64 @@ class Finding:
 
 @dataclass(kw_only=True)
 class Survey:
-    """Raw figures of each frame, in grey levels, of the specimen's pixels; and of all together."""
+    """Raw figures of each frame, in grey levels, of the specimen's pixels; and of all together.
 
-    count: int = 0
-    low: list[float] = field(default_factory=list)  # 2nd percentile
-    high: list[float] = field(default_factory=list)  # 98th percentile
-    saturated: list[float] = field(default_factory=list)  # share on the plateau, where clipped
-    smallest: list[float] = field(default_factory=list)  # of the finite pixels; NaN: there are none
-    largest: list[float] = field(default_factory=list)  # the same
-    not_finite: list[float] = field(default_factory=list)  # share
+    In `rows`: `low` and `high`, 2nd and 98th percentile, `smallest` and `largest` of the finite
+    pixels (NaN: there are none), the shares `saturated` (on the plateau, where clipped) and
+    `not_finite`, and what says whether it is loaded, where that is asked.
+    """
+
+    rows: list[dict[str, float]] = field(default_factory=list)
     noise: list[float] = field(default_factory=list)  # sigma at mid level of frames 0, 1, 3, 7, ...
-    twins: list[tuple[int, int]] = field(default_factory=list)  # (frame, earlier equal one)
+    twins: list[int] = field(default_factory=list)  # frames equal to an earlier one
     untimed: int = 0
     bits: int = 0  # all values or-ed together
     failure: str | None = None  # why reading ended before the end
-    load: LoadSigns | None = None  # what says whether each is loaded; None: not asked
+    pictures: dict[str, Array] | None = None  # that unloaded frames are like; None: not asked
+
+    @property
+    def count(self) -> int:
+        """Frames that were read."""
+        return len(self.rows)
+
+    def of(self, name: str) -> NDArray[np.float64]:
+        """One figure of each frame."""
+        return np.array([row[name] for row in self.rows], float)
 
 
 def survey(reader: FrameReader, scene: Scene, no_load: NoLoad) -> Survey:
     """Read all frames once, in memory that does not grow with them; an InputError ends it."""
-    result, by_digest = Survey(load=load_signs(scene, no_load)), dict[bytes, int]()
-    full = linear.full_scale(reader.bit_depth)
+    light, digests = Survey(pictures=no_load_pictures(scene, no_load)), set[bytes]()
+    full, nan = linear.full_scale(reader.bit_depth), float("nan")
     try:
         for frame in reader:
-            _add(result, frame.image, linear.saturation_level(frame.image, full=full), frame.mask)
-            if result.load is not None:
-                result.load.add(frame, full, scene.frames.first_gamma)
-            key = hashlib.sha1(frame.image.data, usedforsecurity=False).digest()
-            first = by_digest.setdefault(key, frame.index)
-            if first != frame.index:
-                result.twins.append((frame.index, first))
-            result.untimed += frame.time_s is None
+            # light off the specimen says nothing
+            image = frame.image.ravel() if frame.mask is None else frame.image[frame.mask]
+            values = image[np.isfinite(image)]
+            row = {"low": nan, "high": nan, "smallest": nan, "largest": nan, "saturated": 0.0}
+            row["not_finite"] = 1 - values.size / image.size
+            if values.size:
+                low, high = np.percentile(values[:: max(1, values.size // 50_000)], (2, 98))
+                clipped = values >= linear.saturation_level(frame.image, full=full)
+                row |= {"low": low, "high": high, "saturated": float(np.mean(clipped))}
+                row |= {"smallest": float(values.min()), "largest": float(values.max())}
+            if values.size and image.dtype.kind == "u":
+                light.bits |= int(np.bitwise_or.reduce(values, axis=None))
+            if light.pictures is not None:
+                row |= _load_signs(frame, light.pictures, full, scene.frames.first_gamma)
+            digest = hashlib.sha1(frame.image.data, usedforsecurity=False).digest()
+            light.twins += [frame.index] * (digest in digests)
+            digests.add(digest)
+            light.untimed += frame.time_s is None
             if frame.index & (frame.index + 1) == 0:
                 with suppress(InputError):  # too small: said by the size's own finding
                     model = linear.estimate_noise(frame.image, bit_depth=reader.bit_depth)
                     middle = np.median(frame.image[np.isfinite(frame.image)])
-                    result.noise.append(float(model.sigma(middle)))
-            result.count += 1
+                    light.noise.append(float(model.sigma(middle)))
+            light.rows.append(row)
     except InputError as error:
-        result.failure = str(error)
-    return result
-
-
-def _add(light: Survey, image: np.ndarray, clipped: float, mask: Mask | None) -> None:
-    image = image.ravel() if mask is None else image[mask]  # light off the specimen says nothing
-    values = image[np.isfinite(image)]
-    low, high, smallest, largest, saturated = *[float("nan")] * 4, 0.0
-    if values.size:
-        low, high = np.percentile(values[:: max(1, values.size // 50_000)], (2, 98))
-        smallest, largest, saturated = values.min(), values.max(), np.mean(values >= clipped)
-    light.not_finite.append(1 - values.size / image.size)
-    light.low.append(float(low))
-    light.high.append(float(high))
-    light.saturated.append(float(saturated))
-    light.smallest.append(float(smallest))
-    light.largest.append(float(largest))
-    if values.size and image.dtype.kind == "u":
-        light.bits |= int(np.bitwise_or.reduce(values, axis=None))
+        light.failure = str(error)
+    return light
 
 
 def refusals(*looks: Callable[[], object]) -> Iterator[Finding]:
@@ -275,29 +254,25 @@ def _places_beyond(scene: Scene, rows: int, cols: int) -> Iterator[tuple[str, st
     frames = scene.frames
     for i, known in enumerate(frames.known_order, start=1):
         if known.row_px >= rows or known.col_px >= cols:
-            text = message(
-                "frames_known_order_row_column", i=i, row_px=known.row_px, col_px=known.col_px
-            )
+            place = {"row_px": known.row_px, "col_px": known.col_px}
+            text = message("frames_known_order_row_column", i=i, **place)
             yield scene.name, f"{text}outside {rows} x {cols} pixels; move it"
     # an outline may run along the picture's edge, half a pixel beyond its last centre
-    for name, paths, slack in (
-        ("known_line", frames.known_line, 0.0),
-        ("free_boundary", frames.free_boundary, 1.0),
-    ):
-        for i, path in enumerate(paths, start=1):
-            beyond = (
-                (k, row, col)
-                for k, (row, col) in enumerate(path.places, start=1)
-                if row > rows - 1 + slack or col > cols - 1 + slack
-            )
-            for k, row, col in islice(beyond, 1):
+    lines: list[Any] = [
+        ("known_line", *line, 0.0) for line in enumerate(frames.known_line, start=1)
+    ]
+    lines += [("free_boundary", *line, 1.0) for line in enumerate(frames.free_boundary, start=1)]
+    for name, i, path, slack in lines:
+        for k, (row, col) in enumerate(path.places, start=1):
+            if row > rows - 1 + slack or col > cols - 1 + slack:
                 text = message("frames_point_row_column", name=name, i=i, k=k, row=row, col=col)
                 yield scene.name, f"{text}{rows} x {cols} pixels; move it"
+                break
 
 
 def of_depth(reader: FrameReader, light: Survey) -> Iterator[Finding]:
     """Findings on bit depth: 12 bits in a 16-bit file, floats without a full scale."""
-    depth, largest = reader.bit_depth, max(light.largest, default=0.0)
+    depth, largest = reader.bit_depth, max(light.of("largest").tolist(), default=0.0)
     if reader.dtype.kind == "f" and depth is None and largest > 1:
         yield Finding("error", message("float_frames_reach_set", largest=largest))
     if reader.dtype.kind == "f" and depth is not None and 0 < largest <= 1:
@@ -322,17 +297,16 @@ def of_light(reader: FrameReader, light: Survey) -> Iterator[Finding]:
     if not light.count:
         return
     full = linear.full_scale(reader.bit_depth)
-    low, high = np.array(light.low), np.array(light.high)
-    small, large = np.array(light.smallest), np.array(light.largest)
+    low, high, small, large = map(light.of, ("low", "high", "smallest", "largest"))
     empty, flat = np.isnan(large), small == large
     yield from _frames("error", empty, message("no_number_nan_only"))
     yield from _frames("error", flat & (large <= 0), message("all_black_light"))
     yield from _frames("error", flat & (large >= full), message("all_white_lower_exposure"))
     within = flat & (large > 0) & (large < full)
     yield from _frames("error", within, message("constant_captured_frame"))
-    holes = (np.array(light.not_finite) > 0) & ~empty
+    holes = (light.of("not_finite") > 0) & ~empty
     yield from _frames("note", holes, message("some_pixels_not_finite"))
-    clear, share = ~(empty | flat), np.array(light.saturated)
+    clear, share = ~(empty | flat), light.of("saturated")
     worst = message("saturated_up_pixels_which", max=100 * share.max())
     yield from _frames("warning", clear & (share > SATURATED), worst + "the exposure")
     weak = clear & (high - low < LOW_CONTRAST * full) & (share <= SATURATED)
@@ -351,7 +325,7 @@ def of_light(reader: FrameReader, light: Survey) -> Iterator[Finding]:
         text = message("brightest_places_down_those", least=top / float(high[dim].min()))
         yield from _frames("warning", dim, text)
     twins = np.zeros(light.count, bool)
-    twins[[i for i, _ in light.twins if i < light.count]] = True
+    twins[light.twins] = True
     yield from _frames("warning", twins & clear, message("same_pixel_pixel_earlier"))
     if light.noise:
         unit = "of full scale" if reader.bit_depth is None else "grey levels"
@@ -368,26 +342,35 @@ def _frames(level: Level, where: np.ndarray, text: str) -> Iterator[Finding]:
 
 def of_unloaded(reader: FrameReader, light: Survey, scene: Scene) -> Iterator[Finding]:
     """Findings on frames that show the unloaded specimen among those to be processed."""
-    signs, span = light.load, np.array(light.high) - np.array(light.low)
-    if signs is None or not np.isfinite(span).any():
+    high, span = light.of("high"), light.of("high") - light.of("low")
+    if light.pictures is None or not np.isfinite(span).any():
         return
     full, gamma = linear.full_scale(reader.bit_depth), scene.frames.first_gamma
-    unit = float((max(np.nanmax(light.high), 0.0) / full) ** gamma)
-    like: dict[str, list[int]] = {}  # numbers of frames by the picture that each is like
-    for index, far in enumerate(signs.unlike):
-        if near := [key for key, value in far.items() if value < _ALIKE * unit]:
-            like.setdefault(min(near, key=lambda key: far[key]), []).append(index)
-    for key, numbers in like.items():
-        why = message(UNLOADED, value=message("nearly_same_picture", key=key), value_2="")
-        yield Finding("warning", f"{named_frames(numbers)}: " + why, numbers[0])
-    most, usual = np.array(signs.paths).T * full
-    largest, named = np.nanmax(span), set(chain.from_iterable(like.values()))
-    fringeless = _among_many(most <= _NONE * largest, usual >= _MANY * largest)
-    fringeless = [index for index in fringeless if index not in named]
-    if fringeless and largest > 0:
+    unit = float((max(np.nanmax(high), 0.0) / full) ** gamma)
+    named = np.zeros(light.count, bool)
+    far = np.reshape([light.of(key) for key in light.pictures], (-1, light.count))
+    for k, key in enumerate(light.pictures):
+        numbers = np.flatnonzero((far[k] < _ALIKE * unit) & (far.argmin(axis=0) == k))
+        if numbers.size:
+            named[numbers] = True
+            why = message(UNLOADED, value=message("nearly_same_picture", key=key), value_2="")
+            text = f"{named_frames(numbers.tolist())}: {why}"
+            yield Finding("warning", text, int(numbers[0]))
+    largest = np.nanmax(span)
+    many = light.of("usual") * full >= _MANY * largest
+    none = light.of("most") * full <= _NONE * largest
+    # runs of frames without fringes between frames of many; at an end of the set, beside two
+    fringeless = np.zeros_like(none)
+    ends = np.flatnonzero(np.diff(np.r_[False, none, False].astype(int))).reshape(-1, 2)
+    for start, stop in ends.tolist():
+        before, after = many[:start][-2:], many[stop:][:2]
+        within = start and stop < len(none)
+        beside = np.r_[before[-1:], after[:1]] if within else np.r_[before, after]
+        fringeless[start:stop] = beside.size == 2 and beside.all()
+    if largest > 0:
         name = message("name_frames_no_load_dark_no_load_bright")
         why = message(UNLOADED, value=message("no_fringes_where_frames"), value_2=name)
-        yield Finding("warning", f"{named_frames(fringeless)}: " + why, fringeless[0])
+        yield from _frames("warning", fringeless & ~named, why)
 
 
 def of_no_load(
@@ -404,11 +387,11 @@ def of_no_load(
     if missing:
         yield Finding("warning", message("not_given_unloaded_specimen", missing=missing))
     dark, bright = no_load
-    if not light.count or np.isnan(light.low).all():
+    if np.isnan(light.of("low")).all():
         return
     full = linear.full_scale(reader.bit_depth)
-    low = (max(float(np.nanmin(light.low)), 0) / full) ** frames.first_gamma
-    high = (max(float(np.nanmax(light.high)), 0) / full) ** frames.first_gamma
+    low = (max(float(np.nanmin(light.of("low"))), 0) / full) ** frames.first_gamma
+    high = (max(float(np.nanmax(light.of("high"))), 0) / full) ** frames.first_gamma
     if bright is not None:
         top = float(np.percentile(bright.image, 98))
         if high > 1.15 * top:
@@ -490,16 +473,16 @@ class Check(Result):
         figure = new_figure(7.5, 4.6)
         panels: Any = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
         levels, saturated = panels
-        frame = np.arange(len(light.low))
-        levels.fill_between(frame, light.low, light.high, color=LINE_COLOURS[0], alpha=0.3, lw=0)
+        frame, low, high = np.arange(light.count), light.of("low"), light.of("high")
+        levels.fill_between(frame, low, high, color=LINE_COLOURS[0], alpha=0.3, lw=0)
         look: Any = {"marker": "o", "ms": 3, "lw": LINE_PT}
-        for name, values in (("98 %", light.high), ("2 %", light.low)):
+        for name, values in (("98 %", high), ("2 %", low)):
             levels.plot(frame, values, color=LINE_COLOURS[0], **look)
             beside = {"xytext": (5, -3), "textcoords": "offset points"}
             levels.annotate(name, (frame[-1], values[-1]), **beside)
         levels.margins(x=0.1)  # room for what stands beside the last
         style_axes(levels, z_label="grey level", title="98 % and 2 % of the pixels are darker")
-        saturated.plot(frame, 100.0 * np.array(light.saturated), color=LINE_COLOURS[1], **look)
+        saturated.plot(frame, 100.0 * light.of("saturated"), color=LINE_COLOURS[1], **look)
         style_axes(saturated, x_label="frame", z_label="saturated (% of pixels)")
         return figure
 

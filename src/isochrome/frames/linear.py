@@ -422,8 +422,9 @@ def find_outliers(image: np.ndarray, finite: Mask | None = None) -> Mask:
     """
     import cv2
 
-    if min(image.shape) < 3:
-        return np.zeros(image.shape, bool)
+    outliers = np.zeros(image.shape, bool)
+    if image.shape[0] < 3 or image.shape[1] < 5:
+        return outliers
     # whole levels of one or two bytes are compared as they are: that takes a tenth of the time
     values: np.ndarray = image if image.dtype in (np.uint8, np.uint16) else image.astype(np.float32)
     if finite is not None and not finite.all():
@@ -446,17 +447,14 @@ def find_outliers(image: np.ndarray, finite: Mask | None = None) -> Mask:
     # of whole levels a difference below nought is nought, which is no excess either
     spread = cv2.subtract(high, low)
     excess = cv2.max(cv2.subtract(centre, high), cv2.subtract(low, centre))
-    if values.shape[1] < 8:  # around noise alone the second extremes lie about 1.7 sigmas apart
-        sigma = float(np.median(spread)) / 1.7
-    else:  # from the median fourth difference along rows, which is blind to fringes
-        # whole levels of a byte give whole differences, whose median takes half the time
-        v = values[::4].astype(np.int16 if values.dtype == np.uint8 else np.float32)
-        mixed = np.diff(v, 4, axis=1)
-        sigma = float(np.median(np.abs(mixed))) * 1.4826 / float(np.linalg.norm(FOURTH))
+    # from the median fourth difference along rows, blind to fringes; whole levels of a byte
+    # give whole differences, whose median takes half the time
+    v = values[::4].astype(np.int16 if values.dtype == np.uint8 else np.float32)
+    middle = float(np.median(np.abs(np.diff(v, 4, axis=1))))
+    sigma = 1.4826 * middle / float(np.linalg.norm(FOURTH))
     quantum = 1.0 if image.dtype.kind in "ui" else 0.0
     step = max(OUTLIER_SIGMAS * sigma, 2 * quantum)
     limit = values.dtype.type(min(math.floor(step), most) if integral else step)
-    outliers = np.zeros(image.shape, bool)
     outliers[1:-1, 1:-1] = (excess > spread) & (excess > limit)
     return outliers
 

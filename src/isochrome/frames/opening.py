@@ -9,7 +9,6 @@ import os
 from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
-from itertools import chain
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
@@ -17,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.errors import InputError
-from isochrome.frames import images, reading, tiff, video
-from isochrome.frames.images import read_image, signature_of
+from isochrome.frames import images, reading, video
 from isochrome.frames.reading import FrameReader
 from isochrome.messages import message
 from isochrome.output import SUFFIXES, read_roi_mask
@@ -53,8 +51,11 @@ def load_mask(scene: WithFrames, shape: tuple[int, int], full_shape: tuple[int, 
     frames = scene.frames
     if frames.mask is not None:
         inside &= _of_file(scene.path(frames.mask), frames, shape, full_shape)
-    closed = {f"frames.free_boundary[{i}]": b for i, b in enumerate(frames.free_boundary, start=1)}
-    polygons = {key: b.places[:-1] for key, b in closed.items() if b.is_closed}
+    polygons = {
+        f"frames.free_boundary[{i}]": boundary.places[:-1]
+        for i, boundary in enumerate(frames.free_boundary, start=1)
+        if boundary.is_closed
+    }
     if frames.polygon_px is not None:
         polygons["frames.polygon_px"] = frames.polygon_px
     for key, corners in polygons.items():
@@ -98,11 +99,11 @@ def _of_image(path: Path | ArrayFrames) -> Mask:
         values = path.frame(0)
     elif not path.is_file():
         raise InputError("frames_mask_no_such", path=path)
-    elif (signature := signature_of(path)).name == "JPEG":
+    elif (signature := images.signature_of(path)).name == "JPEG":
         raise InputError("frames_mask_compressed_loss", path=path)
     else:
         is_tiff = signature.kind == "tiff"
-        values = tiff.read_single(path, inverted_too=True) if is_tiff else read_image(path)
+        values = images.read_single(path, inverted_too=True) if is_tiff else images.read_image(path)
     values = np.nan_to_num(values if values.ndim == 2 else values.max(axis=2))
     inside = np.asarray(values != 0)
     partly = inside & (values != values.max())
@@ -116,18 +117,24 @@ def _of_image(path: Path | ArrayFrames) -> Mask:
 def _of_polygon(corners: Sequence[tuple[float, float]], shape: tuple[int, int], key: str) -> Mask:
     from skimage.draw import polygon2mask
 
-    if len(corners) > MOST_CORNERS:
-        count = len(corners)
+    if (count := len(corners)) > MOST_CORNERS:
         raise InputError(
             "has_corners_allowed_draw", key=key, corners_count=count, most_corners=MOST_CORNERS
         )
     points = np.array(corners)
     ends = np.roll(points, -1, axis=0)
+
+    def side_of(p: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Twice the area of (side i, point j), by its sign the side on which the point lies."""
+        along, off = (ends - points)[:, None], p[None] - points[:, None]
+        return np.asarray(np.sign(along[..., 0] * off[..., 1] - along[..., 1] * off[..., 0]))
+
+    # sides that only touch do not cross (O'Rourke (1998), Computational Geometry in C, 1.5)
+    parted = side_of(points) * side_of(ends) < 0
+    if len(crossing := np.argwhere(np.triu(parted & parted.T)) + 1):
+        first, second = crossing[0].tolist()
+        raise InputError("sides_after_corners_cross", key=key, sides=first, sides_2=second)
     area = 0.5 * abs(float(np.sum(points[:, 0] * ends[:, 1] - points[:, 1] * ends[:, 0])))
-    if (sides := crossing_sides(points)) is not None:
-        raise InputError(
-            "sides_after_corners_cross", key=key, sides=sides[0] + 1, sides_2=sides[1] + 1
-        )
     if area < 1:
         raise InputError("encloses_pixels_give_least", key=key, area=area)
     outside, swapped = (
@@ -141,24 +148,6 @@ def _of_polygon(corners: Sequence[tuple[float, float]], shape: tuple[int, int], 
     return inside
 
 
-def crossing_sides(points: NDArray[np.float64]) -> tuple[int, int] | None:
-    """The first two sides of a closed polygon (n, 2) that cross, by the signs of triangles' areas.
-
-    Side i goes from corner i, from 0, to the next. Sides that only touch do not cross. Source:
-    O'Rourke (1998), Computational Geometry in C, section 1.5.
-    """
-    ends = np.roll(points, -1, axis=0)
-
-    def side_of(p: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Twice the area of (side i, point j), by its sign the side on which the point lies."""
-        along, off = (ends - points)[:, None], p[None] - points[:, None]
-        return np.sign(along[..., 0] * off[..., 1] - along[..., 1] * off[..., 0])
-
-    parted = side_of(points) * side_of(ends) < 0
-    pairs = np.argwhere(np.triu(parted & parted.T))
-    return (int(pairs[0, 0]), int(pairs[0, 1])) if len(pairs) else None
-
-
 def open_arrays(frames: ArrayFrames) -> reading.Source:
     """The Source of frames in memory; InputError where no file may have their type or size."""
     rows, cols, *colours = frames.form
@@ -170,15 +159,10 @@ def open_arrays(frames: ArrayFrames) -> reading.Source:
         raise InputError("coordinate_time_s_holds_what", frames=frames)
     end = reading.next_time(*times[-2:]) if times is not None and len(times) > 1 else None
     return reading.Source(
-        kind="array",
-        form=form,
-        sensor_bits=None,
-        frames=partial(_frames, frames, form, times),
-        extent=partial(reading.Extent, frames.count, end),
-        files=(frames,),
-        pixel_mm=frames.pixel_mm,
-        start_s=None if times is None else 0.0,
-    )
+        kind="array", form=form, sensor_bits=None, frames=partial(_frames, frames, form, times),
+        extent=partial(reading.Extent, frames.count, end), files=(frames,),
+        pixel_mm=frames.pixel_mm, start_s=None if times is None else 0.0,
+    )  # fmt: skip
 
 
 def _frames(
@@ -219,14 +203,13 @@ class Parts:
         if number not in self._sources:
             path, name, first = self.files[number], self.files[0].name, self._sources[0]
             source = self._opener(path)
-            held, other = ((one.form, one.sensor_bits) for one in (source, first))
-            if held != other:
-                (form, bits), (first_form, first_bits) = held, other
+            if (source.form, source.sensor_bits) != (first.form, first.sensor_bits):
+                form, other = source.form, first.form
                 raise InputError(
                     "holds_pixels_ones_files",
                     path=path, rows=form.shape[0], cols=form.shape[1], pixels=form.pixels,
-                    bits=bits, name=name, shape=first_form.shape[0], shape_2=first_form.shape[1],
-                    pixels_2=first_form.pixels, bits_2=first_bits,
+                    bits=source.sensor_bits, name=name, shape=other.shape[0],
+                    shape_2=other.shape[1], pixels_2=other.pixels, bits_2=first.sensor_bits,
                 )  # fmt: skip
             scales = source.pixel_mm, first.pixel_mm
             if scales[0] and scales[1] and abs(scales[0] / scales[1] - 1) > reading.SAME:
@@ -288,18 +271,12 @@ def open_parts(files: tuple[Path, ...], opener: Callable[[Path], reading.Source]
         return first
     parts = Parts(files, opener, first)
     return replace(
-        first,
-        frames=parts.frames,
-        extent=parts.extent,
-        files=files,
-        claimed=None,
-        names=(),
-        listed=parts.listed,
-        begins=parts.begins,
-    )
+        first, frames=parts.frames, extent=parts.extent, files=files, claimed=None, names=(),
+        listed=parts.listed, begins=parts.begins,
+    )  # fmt: skip
 
 
-KNOWN = images.SUFFIXES + tiff.SUFFIXES + video.SUFFIXES
+KNOWN = images.SUFFIXES + images.TIFF_SUFFIXES + video.SUFFIXES
 
 SCALE = 0.005
 """Pixel sizes that differ by more than this part are not one size rounded to three digits."""
@@ -395,10 +372,10 @@ def open_frames(
         raise InputError(
             "bit_depth_does_not_fit", label=label, bit_depth=bit_depth, dtype=dtype, container=most
         )
-    taken = channel or channel_for(wavelength_nm)
     return FrameReader(
-        source, path=path, channel=taken, turn=(int(rotate_deg), flip), roi=roi, bit_depth=bit_depth
-    )
+        source, path=path, channel=channel or channel_for(wavelength_nm), roi=roi,
+        turn=(int(rotate_deg), flip), bit_depth=bit_depth,
+    )  # fmt: skip
 
 
 def open_scene_frames(
@@ -434,10 +411,11 @@ def input_files(reader: FrameReader, scene: Scene) -> list[Path | ArrayFrames]:
 def named_files(scene: Scene) -> list[Path]:
     """Files that a scene names, which are no frames of their folder, of a glob each."""
     named = (name for name in scene.files(of_frames=True) if isinstance(name, Path))
-    each = (
-        [name] if os.path.exists(name) else map(Path, glob.glob(os.fspath(name))) for name in named
-    )
-    return list(chain.from_iterable(each))
+    return [
+        each
+        for name in named
+        for each in ([name] if os.path.exists(name) else map(Path, glob.glob(os.fspath(name))))
+    ]
 
 
 def absolute(frames: FramesLike, scene: Scene) -> tuple[FramesLike, Scene]:
@@ -527,7 +505,7 @@ def _of_files(files: tuple[Path, ...], kind: reading.Kind) -> reading.Source:
             raise InputError("frames_cannot_read_from", file=file, known=", ".join(KNOWN))
     first_of: dict[str, Path] = {}
     for file in files:
-        first_of.setdefault(signature_of(file).kind, file)
+        first_of.setdefault(images.signature_of(file).kind, file)
     moving = first_of.pop("video", None)
     if moving and first_of:
         still = next(iter(first_of.values()))
@@ -538,11 +516,11 @@ def _of_files(files: tuple[Path, ...], kind: reading.Kind) -> reading.Source:
     if moving:
         return open_parts(files, video.open_video)
     if set(first_of) == {"tiff"}:
-        first = tiff.open_tiff(files[0])
+        first = images.open_tiff(files[0])
         if len(files) == 1 and (kind == "image" or first.extent().count > 1):
             return first
         if first.extent().count > 1:
-            return open_parts(files, tiff.open_tiff)
+            return open_parts(files, images.open_tiff)
     return images.open_images(files, kind)
 
 
@@ -555,19 +533,18 @@ def recordings_of(
     decoded to tell. Globs, and names in the alphabet's order, as a shell makes of a glob, are in
     natural order (part2 before part10). `join`: all are parts of one.
     """
-    if not names:
-        raise InputError("no_frames_named_name")
-    if join and len(names) == 1:
-        return (names[0],)
     places = _places(names)
-    if len(names) == 1 and len(places) == 1:
+    if len(names) == 1 and (join or len(places) == 1):
         return (names[0],)
-    _refuse_others(places, join=join)
-    if join:
-        return (tuple(places),)
     first = dict[bool | None, Path]()
     for place in places:
-        first.setdefault(_holds_several(place), place)
+        if join and place.is_dir():
+            raise InputError("folder_which_recording_itself", folder=place)
+        if place.suffix.lower() not in KNOWN and not place.is_dir():
+            raise InputError("frames_cannot_read_from_file", place=place, known=", ".join(KNOWN))
+        first.setdefault(None if join else _holds_several(place), place)
+    if join:
+        return (tuple(places),)
     if False not in first:
         return tuple({os.path.abspath(place): place for place in places}.values())
     if True in first:
@@ -577,29 +554,22 @@ def recordings_of(
     return (names[0],) if len(names) == 1 else (tuple(places),)
 
 
-def _refuse_others(places: Sequence[Path], *, join: bool) -> None:
-    for place in places:
-        if join and place.is_dir():
-            raise InputError("folder_which_recording_itself", folder=place)
-        if place.suffix.lower() not in KNOWN and not place.is_dir():
-            raise InputError("frames_cannot_read_from_file", place=place, known=", ".join(KNOWN))
-
-
 def one_recording(names: Sequence[str | Path], *, join: bool = False) -> reading.FramesPath:
     """The one recording that names stand for, see `recordings_of`; several are refused."""
     recordings = recordings_of(names, join=join)
-    first, *others = recordings
-    if others:
+    if (count := len(recordings)) > 1:
         raise InputError(
-            "recordings_one_wanted_here", recordings=first, recordings_2=others[0],
-            words=" ..." if len(others) > 1 else "", recordings_count=len(recordings),
+            "recordings_one_wanted_here", recordings=recordings[0], recordings_2=recordings[1],
+            words=" ..." if count > 2 else "", recordings_count=count,
         )  # fmt: skip
-    return first
+    return recordings[0]
 
 
 def _places(names: Sequence[str | Path]) -> list[Path]:
     """Files and folders; in natural order where names are in the alphabet's, of letters or
     codes."""
+    if not names:
+        raise InputError("no_frames_named_name")
     texts = [str(name) for name in names]
     letters = ["".join(c for c in text.casefold() if c.isalnum()) for text in texts]
     if texts == sorted(texts) or letters == sorted(letters):
@@ -616,7 +586,7 @@ def _holds_several(place: Path) -> bool | None:
     if place.is_dir():
         return True
     try:
-        kind = signature_of(place).kind
-        return tiff.holds_several(place) if kind == "tiff" else kind == "video"
+        kind = images.signature_of(place).kind
+        return images.holds_several(place) if kind == "tiff" else kind == "video"
     except InputError:  # said of it when it is its turn
         return place.suffix.lower() in video.SUFFIXES or None

@@ -81,16 +81,15 @@ class StoredForm:
         """Refuse a frame unlike the first. Raises InputError that says `what` it is, and how."""
         other = StoredForm.of(image)
         if other.shape != self.shape:
-            (rows, cols), (shape_3, shape_4) = other.shape, self.shape
             raise InputError(
-                "pixels_rows_columns_first",
-                path=path, what=what, shape=rows, shape_2=cols, shape_3=shape_3, shape_4=shape_4,
+                "pixels_rows_columns_first", path=path, what=what, shape=other.shape[0],
+                shape_2=other.shape[1], shape_3=self.shape[0], shape_4=self.shape[1],
             )  # fmt: skip
         if other != self:
-            kinds = other.pixels, self.pixels
             raise InputError(
-                "holds_pixels_first_ones", path=path, what=what, pixels=kinds[0], pixels_2=kinds[1]
-            )
+                "holds_pixels_first_ones",
+                path=path, what=what, pixels=other.pixels, pixels_2=self.pixels,
+            )  # fmt: skip
 
     @property
     def pixels(self) -> str:
@@ -134,18 +133,19 @@ class Source:
     begins: Callable[[int], int] = int
 
 
-def _mirrored(image: np.ndarray, flip: str | None) -> np.ndarray:
-    return image if flip is None else image[:, ::-1] if flip == "horizontal" else image[::-1]
+_MIRRORED: dict[str | None, Callable[[np.ndarray], np.ndarray]] = {
+    None: np.asarray, "vertical": np.flipud, "horizontal": np.fliplr,
+}  # fmt: skip
 
 
 def as_turned(image: np.ndarray, rotate_deg: int, flip: str | None) -> np.ndarray:
     """A view of a picture (row, col[, channel]) turned counter-clockwise, then mirrored."""
-    return _mirrored(np.rot90(image, rotate_deg // 90), flip)
+    return _MIRRORED[flip](np.rot90(image, rotate_deg // 90))
 
 
 def as_captured(image: np.ndarray, rotate_deg: int, flip: str | None) -> np.ndarray:
     """A turned, then mirrored picture as the camera saw it."""
-    return np.ascontiguousarray(np.rot90(_mirrored(image, flip), -(rotate_deg // 90)))
+    return np.ascontiguousarray(np.rot90(_MIRRORED[flip](image), -(rotate_deg // 90)))
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ import struct
 import sys
 import zlib
 from collections.abc import Callable, Generator, Iterator
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import ExitStack, closing, contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from heapq import heappop, heappush
 from itertools import chain, islice
@@ -89,7 +89,7 @@ def _rgb_of_yuv(frame: Any) -> tuple[np.ndarray, int | None]:
     """
     from av.video.reformatter import ColorRange
 
-    bits, space = _bits(frame), int(frame.colorspace)
+    bits = _bits(frame)
     # else black and white lie at 16 and 235 of 255
     full = frame.format.name.startswith("yuvj") or frame.color_range == ColorRange.JPEG
     if len(frame.planes) < 3:  # the same values in another order
@@ -98,24 +98,18 @@ def _rgb_of_yuv(frame: Any) -> tuple[np.ndarray, int | None]:
         form = f"yuv4{share}{share if part.height == frame.height else 0}p"
         frame = frame.reformat(format=form if bits == 8 else f"{form}{bits}le")
     luma, cb, cr = (plane_of(frame, k) for k in range(3))
-    half = 1 << (bits - 1)
-    if (cb == half).all() and (cr == half).all():  # mono, stored as colour
-        grey = np.array(luma, order="C")
-        if not full:  # the level of every stored luminance
-            spread = (np.arange(np.iinfo(luma.dtype).max + 1) - (16 << (bits - 8))) * (2**bits - 1)
-            levels = np.clip(np.rint(spread / (219 << (bits - 8))), 0, 2**bits - 1)
-            grey = levels.astype(luma.dtype).take(luma)
-        return np.broadcast_to(grey[..., None], (*grey.shape, 3)), bits
-    red, blue = WEIGHTS.get(space, WEIGHTS_601)
-    top = float(2**bits - 1)
-    scale = top / (2**bits - 1 if full else 224 << (bits - 8))
+    half, top = 1 << (bits - 1), float(2**bits - 1)
     black, white = (0, 2**bits - 1) if full else (16 << (bits - 8), 235 << (bits - 8))
+    if (cb == half).all() and (cr == half).all():  # mono, stored as colour
+        grey = np.rint((luma.astype(float) - black) * top / (white - black)).clip(0, top)
+        return np.broadcast_to(grey.astype(luma.dtype)[..., None], (*luma.shape, 3)), bits
+    red, blue = WEIGHTS.get(int(frame.colorspace), WEIGHTS_601)
+    scale = np.float32(top / (2**bits - 1 if full else 224 << (bits - 8)))
     light = (luma.astype(np.float32) - black) * np.float32(top / (white - black))
     # planes of fewer rows and columns, each value on all pixels that it was taken of
     down, across = (-(-size // part) for size, part in zip(luma.shape, cb.shape, strict=True))
     wide = (c.repeat(down, axis=0).repeat(across, axis=1) for c in (cb, cr))
-    b, r = (c[: luma.shape[0], : luma.shape[1]].astype(np.float32) - half for c in wide)
-    b, r = b * np.float32(scale), r * np.float32(scale)
+    b, r = ((c[: luma.shape[0], : luma.shape[1]].astype(np.float32) - half) * scale for c in wide)
     green = 1 - red - blue
     out = np.empty((*luma.shape, 3), luma.dtype)
     shares = (
@@ -220,23 +214,19 @@ MIRRORED = np.packbits(np.unpackbits(np.arange(256, dtype=np.uint8), bitorder="l
 
 def is_whole(packet: bytes) -> bool:
     """Whether all slices of a packet of version 3 are what their checksums say, if it has any."""
-    if slices := _slices(packet, WITH):
-        # the checksum of all bytes and of their checksum is zero, with a start of zero
-        return all(zlib.crc32(one.translate(MIRRORED), 2**32 - 1) == 2**32 - 1 for one in slices)
-    return bool(_slices(packet, SIZE))
-
-
-def _slices(packet: bytes, footer: int) -> list[bytes]:
-    """The slices, from the last, as their sizes have it; none where the sizes do not come out."""
-    slices, end = [], len(packet)
-    while end >= footer:
-        place = end - footer
-        size = int.from_bytes(packet[place : place + SIZE], "big") + footer
-        if size > end:
-            break
-        slices.append(packet[end - size : end])
-        end -= size
-    return slices if end == 0 else []
+    for footer in (WITH, SIZE):
+        slices, end = list[bytes](), len(packet)
+        while end >= footer:
+            size = int.from_bytes(packet[end - footer :][:SIZE], "big") + footer
+            if size > end:
+                break
+            slices.append(packet[end - size : end])
+            end -= size
+        if slices and end == 0:  # the sizes come out
+            # the checksum of all bytes and of their checksum is zero, with a start of zero
+            sums = (zlib.crc32(one.translate(MIRRORED), 2**32 - 1) for one in slices)
+            return footer == SIZE or all(each == 2**32 - 1 for each in sums)
+    return False
 
 
 Container = Literal["avi", "matroska", "mp4", "asf", "mpeg"]
@@ -397,26 +387,23 @@ FRAME_BY_PACKET = ("rawvideo", "ffv1", "mjpeg", "png", "huffyuv", "ffvhuff", "ut
 """Codecs whose every packet is one frame, in the order of display."""
 
 
-@dataclass(frozen=True)
-class Decoded:
-    """A frame as PyAV gives it: its tick and time since the first (s), None where unknown."""
-
-    frame: Any
-    tick: int | None
-    time_s: float | None
+Decoded = tuple[Any, int | None, float | None]
+"""A frame as PyAV gives it, its tick and its time since the first (s), None where unknown."""
 
 
 def decoded(path: Path, kind: Container, key: tuple[int, int] | None = None) -> Generator[Decoded]:
     """Every frame of a video in the order of display, from the first or a key frame (number, tick).
 
-    Frames before the key frame in time may come too. A damaged one is an InputError.
+    Frames before the key frame in time may come too. A damaged one is an InputError. AVI knows no
+    times, only how many frames come before a packet in the order of the file, which is not that of
+    display: the frames take the packets' numbers in rising order.
     """
     with open_container(path) as (container, stream):
         if key is not None:
             with reading.refusing(path, message("frame_cannot_found_again", key=key[0])):
                 container.seek(key[1], stream=stream, backward=True, any_frame=False)
-        clock = _Clock(stream, by_packet=kind == "avi")
-        count = 0 if key is None else key[0]
+        count = key[0] if key else 0
+        numbers, first, last = list[int](), None, None
         context = stream.codec_context
         in_slices = context.name == "ffv1" and bool(context.extradata)
         packets = container.demux(stream)
@@ -425,43 +412,28 @@ def decoded(path: Path, kind: Container, key: tuple[int, int] | None = None) -> 
                 packet = next(packets, None)
                 if packet is None:
                     return
-                if in_slices and packet.size and not is_whole(bytes(packet)):
-                    raise InputError("frame_damaged_copy_file", path=path, count=count)
-                frames = _decode(packet, clock, path, count)
+                if kind == "avi" and packet.size and packet.dts is not None:
+                    heappush(numbers, packet.dts)
+                frames = _decode(packet, path, count, in_slices=in_slices)
             for frame in frames:
-                yield Decoded(frame, *clock.of(frame))
+                tick = frame.pts if kind != "avi" else heappop(numbers) if numbers else None
+                time = None
+                if tick is not None and (last is None or tick > last):
+                    first = tick if first is None else first
+                    last, time = tick, float((tick - first) * stream.time_base)
+                yield frame, tick, time
                 count += 1
 
 
-class _Clock:
-    """The time stamps of decoded frames.
-
-    AVI knows none, only how many frames come before a packet in the order of the file, which is not
-    that of display: the frames take the packets' numbers in rising order.
-    """
-
-    def __init__(self, stream: Any, *, by_packet: bool) -> None:
-        self._base = stream.time_base
-        self._queue: list[int] | None = [] if by_packet else None
-        self._first: int | None = None
-        self._last: int | None = None
-
-    def push(self, packet: Any) -> None:
-        """Take note of a packet's number, where frames take theirs from it."""
-        if self._queue is not None and packet.size and packet.dts is not None:
-            heappush(self._queue, packet.dts)
-
-    def of(self, frame: Any) -> tuple[int | None, float | None]:
-        """A frame's tick, and its time since the first; no time where it is not after the last."""
-        tick = frame.pts
-        if self._queue is not None:
-            tick = heappop(self._queue) if self._queue else None
-        if tick is None:
-            return None, None
-        self._first = tick if self._first is None else self._first
-        later = self._last is None or tick > self._last
-        self._last = tick if later else self._last
-        return tick, float((tick - self._first) * self._base) if later else None
+def _decode(packet: Any, path: Path, count: int, *, in_slices: bool) -> list[Any]:
+    """The frames that a packet completes; InputError where it, or one of them, is damaged."""
+    if packet.is_corrupt:
+        raise InputError("breaks_off_damaged_after", path=path, count=count - 1)
+    if not in_slices or packet.size == 0 or is_whole(bytes(packet)):
+        frames: list[Any] = packet.decode()
+        if not any(frame.is_corrupt for frame in frames):
+            return frames
+    raise InputError("frame_damaged_copy_file", path=path, count=count)
 
 
 @contextmanager
@@ -470,41 +442,27 @@ def open_container(path: Path) -> Iterator[tuple[Any, Any]]:
     import av
     from av.stream import Disposition
 
-    with reading.refusing(path, "not a readable video"):
-        container = av.open(os.fspath(path.absolute()), container_options=OPEN)
-    try:
+    with ExitStack() as stack:
         with reading.refusing(path, "not a readable video"):
+            container = av.open(os.fspath(path.absolute()), container_options=OPEN)
+            stack.callback(container.close)
             cover = Disposition.attached_pic
             streams = [s for s in container.streams.video if not s.disposition & cover]
             if len(streams) != 1:
                 raise InputError("holds_video_streams_one", path=path, streams_count=len(streams))
-            stream = streams[0]
-            context = stream.codec_context
+            context = streams[0].codec_context
             if context is None:
                 raise InputError("codec_not_known_save", path=path)
             if context.height <= 0 or context.width <= 0:  # FFmpeg keeps no size it will not decode
                 raise InputError("names_no_frame_size", path=path, max_pixels=reading.MAX_PIXELS)
             reading.check_size(path, context.height, context.width, PIXEL_BYTES)
-            aspect = stream.sample_aspect_ratio
+            aspect = streams[0].sample_aspect_ratio
             across, down = (aspect.numerator, aspect.denominator) if aspect else (1, 1)
             if min(across, down) > 0 and across != down:
                 raise InputError("says_pixels_not_square", path=path, across=across, down=down)
             context.options = DECODE | (PATIENCE if context.name == "h264" else {})
             context.thread_count = 1
-        yield container, stream
-    finally:
-        container.close()
-
-
-def _decode(packet: Any, clock: _Clock, path: Path, count: int) -> list[Any]:
-    """The frames that a packet completes; InputError where it, or one of them, is damaged."""
-    if packet.is_corrupt:
-        raise InputError("breaks_off_damaged_after", path=path, count=count - 1)
-    clock.push(packet)
-    frames: list[Any] = packet.decode()
-    if any(frame.is_corrupt for frame in frames):
-        raise InputError("frame_damaged_copy_file", path=path, count=count)
-    return frames
+        yield container, streams[0]
 
 
 def checksum(frame: Any) -> int:
@@ -530,8 +488,8 @@ class Places:
     def is_frame(self, index: int, item: Decoded) -> bool:
         """Whether a decoded frame is the one of that number."""
         if self.sums is None:
-            return bool(item.tick == self.stamps[index])
-        return bool(checksum(item.frame) == self.sums[index])
+            return bool(item[1] == self.stamps[index])
+        return bool(checksum(item[0]) == self.sums[index])
 
 
 def by_packets(path: Path, kind: Container) -> Places | None:
@@ -580,9 +538,8 @@ def _in_order(ticks: np.ndarray, keys: list[int], base: Any, *, reordered: bool)
 class Video:
     """One video file; decoded from its start, or from a key frame once its frames are known."""
 
-    def __init__(self, path: Path, stamp: reading.Stamp, container: Container) -> None:
-        """`stamp`, the file's when it was opened."""
-        self.path, self.stamp, self.container = path, stamp, container
+    def __init__(self, path: Path) -> None:
+        self.path, self.stamp, self.container = path, reading.Stamp.of(path), check_whole(path)
         self.places: Places | None = None
         # of the first frame, which is decoded before any is asked for
         self.form: reading.StoredForm
@@ -602,21 +559,18 @@ class Video:
 
     def begins(self, start: int) -> int:
         """The frame that decoding begins with to come to frame `start`."""
-        if self.places is None:
-            return 0
-        return self._key(self.places, start)[0]
+        return 0 if self.places is None else self._key(self.places, start)[0]
 
     def frames(self, start: int) -> Generator[reading.Frame]:
         """The frames from number `start` on; those before are decoded, but not converted."""
         places = self.places
-        known = None if places is None else self._known(places, start)
-        for index, item in known or enumerate(self.decoded()):
+        known = enumerate(self.decoded()) if places is None else self._known(places, start)
+        for index, (frame, _, time) in known:
             if index < start:
                 continue
             with reading.refusing(self.path, f"frame {index} cannot be decoded"):
-                image = to_image(item.frame, self.path)[0]
+                image = to_image(frame, self.path)[0]
                 self.form.check(self.path, image, f"frame {index}")
-            time = item.time_s
             if places is not None:
                 time = float(places.times_s[index])
                 time = time if np.isfinite(time) else None
@@ -629,28 +583,28 @@ class Video:
         return decoded(self.path, self.container, key)
 
     def _survey(self) -> Places:
-        times, ticks, sums, keys = [], [], [], []
-        running: Iterator[Decoded] = self.decoded()
+        times: list[float] = []
+        ticks, sums, keys = [], [], []
         listed = by_packets(self.path, self.container)
+        running: Iterator[Decoded] = self.decoded()
         if listed is not None:  # FFmpeg passes over damaged frames of H.264 in silence
             running = (item for _, item in self._known(listed, 0))
-        for index, item in enumerate(running):
-            if item.frame.key_frame and item.tick is not None:
-                keys.append((index, item.tick))
-            times.append(np.nan if item.time_s is None else item.time_s)
-            ticks.append(-1 if item.tick is None else item.tick)
-            sums.append(checksum(item.frame))
-            last = item.frame
+        for frame, tick, time in running:
+            if frame.key_frame and tick is not None:
+                keys.append((len(times), tick))
+            times.append(np.nan if time is None else time)
+            ticks.append(-1 if tick is None else tick)
+            sums.append(checksum(frame))
         if not times:
             raise InputError("no_frame_video_can", path=self.path)
         self.stamp.check(self.path)
-        long, base = getattr(last, "duration", None), last.time_base  # how long a frame stands
-        end = float(long * base) if long and base else None
-        end = reading.next_time(*times[-2:]) if len(times) > 1 else end
-        end = None if end is None or np.isnan(end) else end
+        if len(times) > 1:
+            end = reading.next_time(*times[-2:])
+        else:  # how long a frame stands
+            end = float((getattr(frame, "duration", None) or np.nan) * (frame.time_base or np.nan))
         return Places(
             np.array(times), np.array(ticks, np.int64), np.array(sums, np.uint32),
-            np.array(keys, np.int64).reshape(-1, 2), end,
+            np.array(keys, np.int64).reshape(-1, 2), None if end is None or np.isnan(end) else end,
         )  # fmt: skip
 
     def _known(self, places: Places, start: int) -> Iterator[tuple[int, Decoded]]:
@@ -659,15 +613,14 @@ class Video:
         From the last key frame before; where a later one is not as it was, as after a key frame
         that is none, from the first.
         """
-        key, tick = self._key(places, start)
-        while True:
-            index = key
+        first, begin = self._key(places, start)
+        for key in dict.fromkeys((first, 0)):
+            index, ended = key, False
             with suppress(InputError) if key else nullcontext():
-                for item in self.decoded((key, tick) if key else None):
-                    if index == key > 0 and (item.tick is None or item.tick < tick):
+                for item in self.decoded((key, begin) if key else None):
+                    if index == key > 0 and (item[1] is None or item[1] < begin):
                         continue  # before the key frame in time
-                    if index >= len(places.times_s) or not places.is_frame(index, item):
-                        ended = False
+                    if index >= len(places.stamps) or not places.is_frame(index, item):
                         break
                     if index >= start:
                         yield index, item
@@ -675,11 +628,8 @@ class Video:
                     index += 1
                 else:
                     ended = True
-                    if index == len(places.times_s):
+                    if index == len(places.stamps):
                         return
-            if key == 0:
-                break
-            key = 0
         if places.sums is not None:
             raise InputError("frame_not_what_when", path=self.path, number=index)
         if not ended:
@@ -698,30 +648,20 @@ class Video:
 
 def open_video(path: Path) -> reading.Source:
     """Decode the first frame of a video."""
-    video = Video(path, reading.Stamp.of(path), check_whole(path))
-    running = video.decoded()
-    try:
-        item = next(running, None)
-        if item is None:
+    video = Video(path)
+    with closing(video.decoded()) as running:
+        first = next(running, None)
+        if first is None:
             raise InputError("no_frame_video_can", path=path)
+        frame, tick, _ = first
         with reading.refusing(path, "frame 0 cannot be decoded"):
-            image, bits = to_image(item.frame, path)
-            base = item.frame.time_base
-    finally:
-        running.close()
+            image, bits = to_image(frame, path)
+            start_s = None if tick is None else float(tick * frame.time_base)
     with open_container(path) as (_, stream):
         claimed, lossy = stream.frames, bool(stream.codec_context.codec.lossy)
     video.form = reading.StoredForm.of(image)
     return reading.Source(
-        kind="video",
-        form=video.form,
-        sensor_bits=bits,
-        frames=video.frames,
-        extent=video.extent,
-        listed=video.listed,
-        begins=video.begins,
-        files=(path,),
-        claimed=claimed or None,
-        lossy=lossy,
-        start_s=None if item.tick is None else float(item.tick * base),
-    )
+        kind="video", form=video.form, sensor_bits=bits, frames=video.frames, extent=video.extent,
+        listed=video.listed, begins=video.begins, files=(path,), claimed=claimed or None,
+        lossy=lossy, start_s=start_s,
+    )  # fmt: skip

@@ -43,30 +43,24 @@ def render_samples(out: str | Path, *, seed: int = SEED) -> Path:
     InputError
         Where `seed` is negative or `out` cannot be written to; then nothing is left in it.
     """
-    from isochrome.samples.rendered import (
-        SCENE,
-        render_bending,
-        render_contact,
-        render_disc,
-        render_film,
-        render_wear,
-        sample_text,
-    )
+    from isochrome.samples import rendered
 
     if seed < 0:
         raise InputError("seed_but_must_above", seed=seed)
-    scene = (LIBRARY / f"{SCENE}.toml").read_text("utf-8")
+    scene = (LIBRARY / f"{rendered.SCENE}.toml").read_text("utf-8")
     samples = {
-        SCENE: render_contact, "bending": render_bending, "disc": render_disc, "wear": render_wear,
-        "sliding-film": render_film,
+        rendered.SCENE: rendered.render_contact, "bending": rendered.render_bending,
+        "disc": rendered.render_disc, "wear": rendered.render_wear,
+        "sliding-film": rendered.render_film,
     }  # fmt: skip
     with staged(out) as folder:
         for name, draw in samples.items():
             (folder / name).mkdir()
             draw(folder / name, seed)
-        frames = sample_text("contact-frames.toml")
-        write_text(folder / SCENE / "scene.toml", scene.rstrip() + "\n" + frames)
-        write_text(folder / "README.md", sample_text("README.md").replace("@SEED@", str(seed)))
+        frames = rendered.sample_text("contact-frames.toml")
+        write_text(folder / rendered.SCENE / "scene.toml", scene.rstrip() + "\n" + frames)
+        about = rendered.sample_text("README.md").replace("@SEED@", str(seed))
+        write_text(folder / "README.md", about)
     return Path(out)
 
 
@@ -239,14 +233,11 @@ def disc() -> CalibrationSample:
 
 def _contact(name: str, file: str) -> ContactSample:
     folder = samples_path() / name
+    dark, bright = (_stack(folder / f"no-load-{name}.tif")[0] for name in ("dark", "bright"))
     return ContactSample(
-        frames=_stack(folder / file),
-        file=folder / file,
-        no_load_dark=_stack(folder / "no-load-dark.tif")[0],
-        no_load_bright=_stack(folder / "no-load-bright.tif")[0],
-        scene=folder / "scene.toml",
-        truth=json.loads((folder / "truth.json").read_text("utf-8")),
-    )
+        frames=_stack(folder / file), file=folder / file, no_load_dark=dark, no_load_bright=bright,
+        scene=folder / "scene.toml", truth=json.loads((folder / "truth.json").read_text("utf-8")),
+    )  # fmt: skip
 
 
 def _calibration(name: str) -> CalibrationSample:
@@ -254,10 +245,9 @@ def _calibration(name: str) -> CalibrationSample:
     items = tomllib.loads((folder / "set.toml").read_text("utf-8"))["image"]
     return CalibrationSample(
         images=np.concatenate([_stack(folder / item["file"]) for item in items]),
-        loads_n=tuple(float(item["load_n"]) for item in items),
-        set=folder / "set.toml",
+        loads_n=tuple(float(item["load_n"]) for item in items), set=folder / "set.toml",
         truth=json.loads((folder / "truth.json").read_text("utf-8")),
-    )
+    )  # fmt: skip
 
 
 def _stack(path: Path) -> Grey:

@@ -13,21 +13,7 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field, model_validator
 
 from isochrome.messages import message
-from isochrome.scene.imaging import (
-    Coefficient,
-    Distance,
-    DistanceTable,
-    FileName,
-    Finite,
-    FrictionTable,
-    NonNegative,
-    NonNegativeTable,
-    OverDistance,
-    Positive,
-    PositiveTable,
-    ScenePart,
-    value_at,
-)
+from isochrome.scene import imaging
 
 Poisson = Annotated[float, Field(gt=-1, le=0.5, allow_inf_nan=False)]
 
@@ -48,18 +34,13 @@ class Body:
 
 BODIES = {
     "disc": Body(("specimen.diameter_mm",), "diameter_mm", has_rim=True),
-    "ring": Body(
-        ("specimen.diameter_mm", "specimen.hole_mm"),
-        "diameter_mm",
-        has_rim=True,
-        only_with="hole_mm",
-    ),
+    "ring": Body(("specimen.diameter_mm", "specimen.hole_mm"), "diameter_mm", True, "hole_mm"),
     "beam": Body(("specimen.height_mm", "load.inner_span_mm", "load.outer_span_mm"), "height_mm"),
 }
 """The specimens without a contact that have a model, by their shape."""
 
 
-class Specimen(ScenePart):
+class Specimen(imaging.ScenePart):
     """The transparent block, disc, ring or beam. Without `shape`, a half-plane under a contact.
 
     Parameters
@@ -91,16 +72,16 @@ class Specimen(ScenePart):
     """
 
     shape: Literal["block", "disc", "beam", "ring", "other"] | None = None
-    young_gpa: Positive | None = None
+    young_gpa: imaging.Positive | None = None
     poisson: Poisson | None = None
     plane: Literal["strain", "stress"] = "strain"
-    thickness_mm: Positive | None = None
-    fringe_value_n_per_mm: Positive | None = None
-    diameter_mm: Positive | None = None
-    hole_mm: Positive | None = None
-    height_mm: Positive | None = None
-    width_mm: Positive | None = None
-    left_mm: Finite | None = None
+    thickness_mm: imaging.Positive | None = None
+    fringe_value_n_per_mm: imaging.Positive | None = None
+    diameter_mm: imaging.Positive | None = None
+    hole_mm: imaging.Positive | None = None
+    height_mm: imaging.Positive | None = None
+    width_mm: imaging.Positive | None = None
+    left_mm: imaging.Finite | None = None
     support: Literal["fixed", "sliding"] = "fixed"
 
     @model_validator(mode="after")
@@ -114,7 +95,7 @@ class Specimen(ScenePart):
 Wavelength = Annotated[float, Field(ge=200, le=3000)]
 
 
-class Indenter(ScenePart):
+class Indenter(imaging.ScenePart):
     """The sliding body: a cylinder, a flat with corners, or a profile (CSV), alone or added.
 
     Parameters
@@ -134,10 +115,10 @@ class Indenter(ScenePart):
     """
 
     shape: Literal["cylinder", "flat"] = "cylinder"
-    radius_mm: Positive | None = None
-    half_width_mm: Positive | None = None
-    profile: FileName | None = None
-    young_gpa: Positive
+    radius_mm: imaging.Positive | None = None
+    half_width_mm: imaging.Positive | None = None
+    profile: imaging.FileName | None = None
+    young_gpa: imaging.Positive
     poisson: Poisson
 
     @model_validator(mode="after")
@@ -150,7 +131,7 @@ class Indenter(ScenePart):
         return self
 
 
-class Contact(ScenePart):
+class Contact(imaging.ScenePart):
     """What lies between the bodies of a contact.
 
     Parameters
@@ -159,10 +140,10 @@ class Contact(ScenePart):
         Compliance of a soft or rough layer: how far a pressure of 1 MPa presses it together, um.
     """
 
-    layer_um_per_mpa: NonNegative = 0.0
+    layer_um_per_mpa: imaging.NonNegative = 0.0
 
 
-class AddedTractions(ScenePart):
+class AddedTractions(imaging.ScenePart):
     """Tractions on a contact's surface besides its model's, linear between places, nought beyond.
 
     Parameters
@@ -176,12 +157,12 @@ class AddedTractions(ScenePart):
     """
 
     samples: ClassVar[tuple[str, ...]] = ("x_mm", "pressure_mpa", "shear_mpa")
-    x_mm: Annotated[tuple[Finite, ...], Field(min_length=2, max_length=1000)]
-    pressure_mpa: Annotated[tuple[Finite, ...], Field(min_length=2, max_length=1000)]
-    shear_mpa: Annotated[tuple[Finite, ...], Field(min_length=2, max_length=1000)]
+    x_mm: Annotated[tuple[imaging.Finite, ...], Field(min_length=2, max_length=1000)]
+    pressure_mpa: Annotated[tuple[imaging.Finite, ...], Field(min_length=2, max_length=1000)]
+    shear_mpa: Annotated[tuple[imaging.Finite, ...], Field(min_length=2, max_length=1000)]
 
 
-class Load(ScenePart):
+class Load(imaging.ScenePart):
     """The forces: normal (diametral; or the whole bending load), tangential, bulk stress, spans.
 
     Parameters
@@ -205,17 +186,17 @@ class Load(ScenePart):
         Tractions of a contact besides its model's, as a fit finds them.
     """
 
-    normal_n: OverDistance[Positive, PositiveTable]
-    tangential_n: Finite | None = None
-    bulk_mpa: Finite | None = None
-    bulk_along_x_mpa_per_mm: Finite | None = None
-    bulk_along_z_mpa_per_mm: Finite | None = None
-    inner_span_mm: Positive | None = None
-    outer_span_mm: Positive | None = None
+    normal_n: imaging.OverDistance[imaging.Positive, imaging.PositiveTable]
+    tangential_n: imaging.Finite | None = None
+    bulk_mpa: imaging.Finite | None = None
+    bulk_along_x_mpa_per_mm: imaging.Finite | None = None
+    bulk_along_z_mpa_per_mm: imaging.Finite | None = None
+    inner_span_mm: imaging.Positive | None = None
+    outer_span_mm: imaging.Positive | None = None
     added_tractions: AddedTractions | None = None
 
 
-class Friction(ScenePart):
+class Friction(imaging.ScenePart):
     """Coulomb friction, q = mu p along +x.
 
     Parameters
@@ -224,7 +205,7 @@ class Friction(ScenePart):
         The coefficient mu, a number, or a table over distance; or in its place `file`, a CSV file
         with the columns distance_m (or time_s, which `sliding_speed_mm_per_s`, here or in [frames],
         makes distances of) and coefficient. Up to 200 rows are used as they are, and a longer
-        file is followed by 200 points at most, see `scene.measured_course`.
+        file is followed by 200 points at most.
     static_state_first : bool, default False
         Whether one more state comes before sliding starts, without tangential traction.
     earlier_change : float, default 0.0
@@ -232,18 +213,18 @@ class Friction(ScenePart):
         `coefficient` that is a number.
     """
 
-    coefficient: OverDistance[Coefficient, FrictionTable]
+    coefficient: imaging.OverDistance[imaging.Coefficient, imaging.FrictionTable]
     static_state_first: bool = False
-    earlier_change: Coefficient = 0.0
+    earlier_change: imaging.Coefficient = 0.0
 
     @model_validator(mode="after")
     def _one_course(self) -> Friction:
-        if self.earlier_change and isinstance(self.coefficient, DistanceTable):
+        if self.earlier_change and isinstance(self.coefficient, imaging.DistanceTable):
             raise ValueError(message("friction_earlier_change_stands_beside"))
         return self
 
 
-class Wear(ScenePart):
+class Wear(imaging.ScenePart):
     """Wear of the specimen, dh = kappa p ds.
 
     With `law` 'archard' kappa = k; 'sarkar', k sqrt(1 + 3 mu²); 'dissipated_energy', k |mu|, where
@@ -259,16 +240,16 @@ class Wear(ScenePart):
         Distances at which frames are wanted, m.
     """
 
-    coefficient_mm2_per_n: OverDistance[NonNegative, NonNegativeTable]
+    coefficient_mm2_per_n: imaging.OverDistance[imaging.NonNegative, imaging.NonNegativeTable]
     law: Literal["archard", "sarkar", "dissipated_energy"] = "archard"
-    distances_m: Annotated[tuple[NonNegative, ...], Field(min_length=1)]
+    distances_m: Annotated[tuple[imaging.NonNegative, ...], Field(min_length=1)]
 
-    def coefficient_at(self, distance_m: Distance) -> Distance:
+    def coefficient_at(self, distance_m: imaging.Distance) -> imaging.Distance:
         """Coefficient k (mm²/N) at a sliding distance (m), linear between the table's points."""
-        return value_at(self.coefficient_mm2_per_n, distance_m)
+        return imaging.value_at(self.coefficient_mm2_per_n, distance_m)
 
 
-class MeasuredScar(ScenePart):
+class MeasuredScar(imaging.ScenePart):
     """A profilometer's trace across the worn scar, see `isochrome.scars.read_trace`.
 
     Parameters
@@ -279,11 +260,11 @@ class MeasuredScar(ScenePart):
         Distance slid when it was measured, m; several traces may have the same.
     """
 
-    file: FileName
-    distance_m: Positive
+    file: imaging.FileName
+    distance_m: imaging.Positive
 
 
-class PolariscopeStep(ScenePart):
+class PolariscopeStep(imaging.ScenePart):
     """The elements' angles for one frame of a phase-stepped set; no plates: a plane polariscope.
 
     Parameters
@@ -298,10 +279,10 @@ class PolariscopeStep(ScenePart):
         Azimuth of the analyser, degrees.
     """
 
-    polariser_deg: Finite
-    input_plate_deg: Finite | None = None
-    output_plate_deg: Finite | None = None
-    analyser_deg: Finite
+    polariser_deg: imaging.Finite
+    input_plate_deg: imaging.Finite | None = None
+    output_plate_deg: imaging.Finite | None = None
+    analyser_deg: imaging.Finite
 
     @model_validator(mode="after")
     def _both_plates(self) -> PolariscopeStep:
@@ -310,7 +291,7 @@ class PolariscopeStep(ScenePart):
         return self
 
 
-class Spectrum(ScenePart):
+class Spectrum(imaging.ScenePart):
     """Power over wavelength: separate lines, or samples of a spectrum linear in between.
 
     Parameters
@@ -323,7 +304,7 @@ class Spectrum(ScenePart):
 
     samples: ClassVar[tuple[str, ...]] = ("wavelength_nm", "power")
     wavelength_nm: Annotated[tuple[Wavelength, ...], Field(min_length=2)]
-    power: Annotated[tuple[NonNegative, ...], Field(min_length=2)]
+    power: Annotated[tuple[imaging.NonNegative, ...], Field(min_length=2)]
 
     @model_validator(mode="after")
     def _lit(self) -> Spectrum:
@@ -332,7 +313,7 @@ class Spectrum(ScenePart):
         return self
 
 
-class Polariscope(ScenePart):
+class Polariscope(imaging.ScenePart):
     """The light and the elements; plates are ideal unless `plate_wavelength_nm` is given.
 
     An element's error is added to its angle, in the field as in every step.
@@ -370,13 +351,13 @@ class Polariscope(ScenePart):
 
     wavelength_nm: Wavelength | None = None
     field: Literal["dark", "bright", "plane"] = "dark"
-    axis_deg: Finite | None = None
+    axis_deg: imaging.Finite | None = None
     bandwidth_nm: Annotated[float, Field(ge=0, le=300)] | None = None
     plate_wavelength_nm: Wavelength | None = None
-    polariser_error_deg: Finite = 0.0
-    input_plate_error_deg: Finite = 0.0
-    output_plate_error_deg: Finite = 0.0
-    analyser_error_deg: Finite = 0.0
+    polariser_error_deg: imaging.Finite = 0.0
+    input_plate_error_deg: imaging.Finite = 0.0
+    output_plate_error_deg: imaging.Finite = 0.0
+    analyser_error_deg: imaging.Finite = 0.0
     light: Literal["white"] | None = None
     spectrum: Spectrum | None = None
     lines: Spectrum | None = None
@@ -431,7 +412,7 @@ class Polariscope(ScenePart):
         return self
 
 
-class Numerics(ScenePart):
+class Numerics(imaging.ScenePart):
     """How finely the contact is computed; every default follows from the scene.
 
     Parameters
@@ -445,5 +426,5 @@ class Numerics(ScenePart):
     """
 
     tolerance: Annotated[float, Field(ge=1e-10, le=0.1)] = 1e-4
-    spacing_mm: Positive | None = None
-    window_mm: Positive | None = None
+    spacing_mm: imaging.Positive | None = None
+    window_mm: imaging.Positive | None = None

@@ -93,23 +93,20 @@ def load_scene(scene: SceneLike) -> Scene:
     if isinstance(scene, Scene):
         return scene
     if isinstance(scene, Mapping):
-        scene_of_tables = validate(Scene, as_tables(scene), "scene", reserved=NO_KEYS)
-        check_reach(scene_of_tables.model_dump(exclude_unset=True), "scene")
-        return scene_of_tables
-    path = Path(scene)
-    if str(scene) in scene_names():
+        label, loaded = "scene", validate(Scene, as_tables(scene), "scene", reserved=NO_KEYS)
+    elif str(scene) in (names := scene_names()):
         return parse_scene((LIBRARY / f"{scene}.toml").read_text("utf-8"), name=str(scene))
-    if path.is_dir():
-        raise InputError("folder_not_scene_file", scene=scene)
-    if not path.is_file():
-        near = nearest(str(scene), scene_names())
-        hint = f"did you mean '{near}'?" if near else "scenes by name: " + ", ".join(scene_names())
-        raise InputError("no_such_scene_file", scene=scene, hint=hint)
-    scene_of_tables = parse_scene(
-        read_text(path), name=path.stem, folder=path.parent, label=str(path)
-    )
-    check_reach(scene_of_tables.model_dump(exclude_unset=True), str(path))
-    return scene_of_tables
+    else:
+        path, label = Path(scene), str(Path(scene))
+        if path.is_dir():
+            raise InputError("folder_not_scene_file", scene=scene)
+        if not path.is_file():
+            near = nearest(str(scene), names)
+            hint = f"did you mean '{near}'?" if near else "scenes by name: " + ", ".join(names)
+            raise InputError("no_such_scene_file", scene=scene, hint=hint)
+        loaded = parse_scene(read_text(path), name=path.stem, folder=path.parent, label=label)
+    check_reach(loaded.model_dump(exclude_unset=True), label)
+    return loaded
 
 
 def parse_scene(
@@ -376,20 +373,23 @@ def _set(
     places = list(_places(document.body, path))
     if len(places) == 1 and not isinstance(places[0][0][places[0][1]][1], AoT | Table):
         body, at, line = places[0]
-        written_line = _replace(body, at, written)
-        _note(line or written_line, comment, mark)
+        key, old = body[at]
+        new = tomlkit.value(written)
+        vars(new.trivia).update(vars(old.trivia))
+        body[at] = key, new
+        _note(line or new, comment, mark)
         return ""
     _take_out(document, path)
     entry = f"{path[1]} = {written}"
     ending = f"  # {comment}\n" if comment else "\n"
     for body, at, _ in _places(document.body, path[:1]):
-        key, table = cast("tuple[Key, Item]", body[at])
+        key, table = body[at]
         if isinstance(table, InlineTable):
-            inner = table.as_string()[1:].lstrip(" \t")
-            written_line = _replace(body, at, f"{{ {entry}{' ' if inner == '}' else ', '}{inner}")
-            _note(written_line, comment, mark)
+            table.append(path[1], tomlkit.value(written))
+            _note(table, comment, mark)
             return ""
-        if isinstance(table, Table) and (key.is_dotted() or not table.is_super_table()):
+        dotted = key is not None and key.is_dotted()
+        if isinstance(table, Table) and (dotted or not table.is_super_table()):
             table.value.body[:0] = tomlkit.parse(entry + ending).body
             return ""
     return f"[{path[0]}]\n{entry}{ending}"
@@ -456,17 +456,6 @@ def _places(
         elif isinstance(item, Table | InlineTable):
             inline = item if isinstance(item, InlineTable) else None
             yield from _places(item.value.body, path[1:], line or inline)
-
-
-def _replace(body: Body, at: int, written: str) -> Item:
-    """Put a value in place of another, with what stands around that. Returns it."""
-    import tomlkit
-
-    key, old = body[at]
-    new = tomlkit.value(written)
-    vars(new.trivia).update(vars(old.trivia))
-    body[at] = key, new
-    return new
 
 
 def _note(item: Item, comment: str, mark: str) -> None:

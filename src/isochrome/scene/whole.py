@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, overload
+from typing import Any
 
 from pydantic import Field, ValidationInfo, model_validator
 
@@ -17,8 +17,7 @@ from isochrome.messages import message
 from isochrome.scene import parts
 from isochrome.scene.array_frames import ArrayFrames
 from isochrome.scene.imaging import Camera, Distance, DistanceTable, Frames, ScenePart, value_at
-from isochrome.scene.measured_course import with_tables
-from isochrome.scene.validation import DATE_FIELD, DATED, NO_KEYS, validate, with_pairs
+from isochrome.scene.validation import DATE_FIELD, DATED, NO_KEYS, validate, with_pairs, with_tables
 
 
 class Scene(ScenePart):
@@ -107,17 +106,55 @@ class Scene(ScenePart):
     @model_validator(mode="after")
     def _parts_agree(self) -> Scene:
         self._check_needed()
-        self._check_sliding()
-        light, frames = self.polariscope, self.frames
-        if light.step and frames.known_line:
-            raise ValueError(message("frames_known_line_single_frames"))
-        if frames.known_loads_n and (self.model != "disc" or light.tells_orders):
-            raise ValueError(message("frames_known_loads_n_single_frames"))
-        if self.specimen.shape == "block":
-            self._check_block()
-        if self.load is not None:
-            self._check_load(self.load)
+        rules = {**self._rules_of_contacts(), **self._rules_of_loads()}
+        for code, is_broken in rules.items():
+            if is_broken:
+                raise ValueError(message(code))
+        specimen, load = self.specimen, self.load
+        width, left_mm = specimen.width_mm or 0.0, specimen.left_mm
+        if specimen.shape == "block" and left_mm is not None and not -width < left_mm < 0.0:
+            raise ValueError(message("specimen_left_mm_block_left", left_mm=left_mm, width=width))
+        if load is not None and load.tangential_n is not None:
+            held, tangential_n = abs(self.friction_at(0.0)) * self.load_at(0.0), load.tangential_n
+            if abs(tangential_n) > held:
+                raise ValueError(
+                    message("load_tangential_n_more_friction", tangential_n=tangential_n, held=held)
+                )
+        if load is not None and specimen.shape == "beam":
+            inner, outer = load.inner_span_mm or 0.0, load.outer_span_mm or 0.0
+            if inner >= outer:
+                raise ValueError(message("load_inner_span_mm_must_less", inner=inner, outer=outer))
         return self
+
+    def _rules_of_contacts(self) -> dict[str, Any]:
+        """By the message that says it, whether a rule of contacts is broken."""
+        contact, wear, rubs = self.indenter is not None, self.wear, self.friction is not None
+        block, slides = self.specimen.shape == "block", self.specimen.support == "sliding"
+        energy = wear is not None and wear.law == "dissipated_energy"
+        return {
+            "contact_needs_indenter": not contact and self.contact != parts.Contact(),
+            "friction_wear_need_indenter": not contact and (rubs or wear),
+            "scar_needs_wear_which": self.scar and wear is None,
+            "wear_law_dissipated_energy_needs": energy and not rubs,
+            "specimen_shape_block_block": block and not contact,
+            "specimen_support_liding_holds": block and slides and rubs,
+        }
+
+    def _rules_of_loads(self) -> dict[str, Any]:
+        """The same of frames and loads."""
+        bare, frames, light = self.indenter is None, self.frames, self.polariscope
+        table = self.load is not None and isinstance(self.load.normal_n, DistanceTable)
+        stuck = self.load is not None and self.load.tangential_n is not None
+        single = self.model == "disc" and not light.tells_orders
+        return {
+            "frames_known_line_single_frames": light.step and frames.known_line,
+            "frames_known_loads_n_single_frames": frames.known_loads_n and not single,
+            "load_added_tractions_need_contact": self.added_tractions and bare,
+            "load_normal_n_table_over": table and bare,
+            "load_normal_n_table_over_sliding": table and stuck,
+            "load_tangential_n_needs_friction": stuck and self.friction is None,
+            "load_tangential_n_stuck_contact": stuck and self.wear,
+        }
 
     def _check_needed(self) -> None:
         shape, contact = self.specimen.shape, self.indenter is not None
@@ -133,47 +170,6 @@ class Scene(ScenePart):
             part, name = key.split(".")
             if getattr(getattr(self, part), name, None) is None:
                 raise ValueError(message("missing_needs_add", key=key, what=what))
-
-    def _check_sliding(self) -> None:
-        if self.indenter is None and self.contact != parts.Contact():
-            raise ValueError(message("contact_needs_indenter"))
-        if self.indenter is None and (self.friction or self.wear):
-            raise ValueError(message("friction_wear_need_indenter"))
-        if self.scar and self.wear is None:
-            raise ValueError(message("scar_needs_wear_which"))
-        if self.wear and self.wear.law == "dissipated_energy" and self.friction is None:
-            raise ValueError(message("wear_law_dissipated_energy_needs"))
-
-    def _check_block(self) -> None:
-        specimen = self.specimen
-        if self.indenter is None:
-            raise ValueError(message("specimen_shape_block_block"))
-        width, left_mm = specimen.width_mm or 0.0, specimen.left_mm
-        if left_mm is not None and not -width < left_mm < 0.0:
-            raise ValueError(message("specimen_left_mm_block_left", left_mm=left_mm, width=width))
-        if specimen.support == "sliding" and self.friction is not None:
-            raise ValueError(message("specimen_support_liding_holds"))
-
-    def _check_load(self, load: parts.Load) -> None:
-        if load.added_tractions is not None and self.indenter is None:
-            raise ValueError(message("load_added_tractions_need_contact"))
-        if isinstance(load.normal_n, DistanceTable) and self.indenter is None:
-            raise ValueError(message("load_normal_n_table_over"))
-        if isinstance(load.normal_n, DistanceTable) and load.tangential_n is not None:
-            raise ValueError(message("load_normal_n_table_over_sliding"))
-        if (tangential_n := load.tangential_n) is not None:
-            if self.friction is None:
-                raise ValueError(message("load_tangential_n_needs_friction"))
-            if self.wear is not None:
-                raise ValueError(message("load_tangential_n_stuck_contact"))
-            held = abs(self.friction_at(0.0)) * self.load_at(0.0)
-            if abs(tangential_n) > held:
-                raise ValueError(
-                    message("load_tangential_n_more_friction", tangential_n=tangential_n, held=held)
-                )
-        inner, outer = load.inner_span_mm or 0.0, load.outer_span_mm or 0.0
-        if self.specimen.shape == "beam" and inner >= outer:
-            raise ValueError(message("load_inner_span_mm_must_less", inner=inner, outer=outer))
 
     @property
     def _body(self) -> parts.Body | None:
@@ -276,15 +272,7 @@ class Scene(ScenePart):
         """
         return value_at(self.wear.coefficient_mm2_per_n if self.wear else 0.0, distance_m)
 
-    @overload
-    def path(self, name: str) -> Path:
-        """Where a file is."""
-
-    @overload
-    def path(self, name: ArrayFrames) -> ArrayFrames:
-        """An array as it is."""
-
-    def path(self, name: str | ArrayFrames) -> Path | ArrayFrames:
+    def path(self, name: Any) -> Any:
         """A path named in the scene, relative to the scene's own file; an array as it is."""
         return name if isinstance(name, ArrayFrames) else (self.folder or Path()) / name
 

@@ -1,25 +1,22 @@
-from .api import Simulation, simulate, simulation_report
-from .figure import plot_pressure, plot_scar
-from .model import (
+from .api import Simulation, plot_pressure, plot_scar, simulate, simulation_report
+from .rendering import (
+    LAYERS,
     Picture,
+    Rendered,
+    RenderWork,
     SceneState,
+    camera_frame,
     iter_scene_states,
     make_picture,
     no_model_sentence,
+    picture_axes,
     picture_signal,
+    polariscope_light,
+    render,
     required_model,
     scene_states,
     state_count,
     state_difference,
-)
-from .rendering import (
-    LAYERS,
-    Rendered,
-    RenderWork,
-    camera_frame,
-    picture_axes,
-    polariscope_light,
-    render,
     stress_map,
     surface_tractions,
 )

@@ -2,83 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import chain, cycle
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from isochrome import figures, output, reporting, runs
+from isochrome.contact import SurfaceState
 from isochrome.errors import InputError
-from isochrome.figures import PaperPanels, chosen_frames, course_plot, panels_figure, plain_name
 from isochrome.optics import stored_type
-from isochrome.output import (
-    Result,
-    counted,
-    csv_text,
-    imagej_view,
-    numbers,
-    over_items,
-    read_csv,
-    replacing,
-    saved_picture,
-    write_csv,
-    write_figure,
-    write_frames,
-    write_text,
-)
 from isochrome.progress import RunProgress, Tally
-from isochrome.reporting import (
-    FRINGES,
-    GREY_LEVELS,
-    Pane,
-    ReportContent,
-    ReportFrame,
-    ReportTable,
-    choose_frames,
-    paper_rows,
-    write_report,
-)
-from isochrome.runs import (
-    REPORT,
-    Column,
-    Job,
-    RunFolder,
-    RunLayout,
-    RunOptions,
-    attributes,
-    chunk_size,
-    column,
-    make_dataset,
-    parts,
-    refuse_without_folder,
-    rows,
-    run_identity,
-    run_job,
-    single_threaded,
-)
 from isochrome.scene import Scene, SceneLike, check_moduli, check_pixel, dump_scene, load_scene
-from isochrome.simulation.figure import simulation_panels, stress_kinds
-from isochrome.simulation.model import SceneState, required_model, state_count
-from isochrome.simulation.rendering import (
-    FRAMES,
-    HISTORY,
-    ORDER,
-    PICTURE,
-    PRESSURE,
-    PROFILE,
-    RenderWork,
-    add_state_row,
-    history_row,
-    picture_axes,
-    shown_states,
-)
+from isochrome.simulation import rendering
 from isochrome.stress import PixelGrid, pixel_grid
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.image import AxesImage
 
     from isochrome.runs import RunDataset
 
@@ -107,65 +53,65 @@ _NO_BUDGET = (
 )
 
 
-def simulation_report(folder: Path, scene: Scene, record: Mapping[str, Any]) -> ReportContent:
+def simulation_report(
+    folder: Path, scene: Scene, record: Mapping[str, Any]
+) -> reporting.ReportContent:
     """What a simulation's report says. OSError, ValueError or KeyError: a file is not as it was."""
-    history = read_csv(folder / HISTORY)
+    history = output.read_csv(folder / rendering.HISTORY)
     count = len(history["state"])
     frames = _frames(folder, scene, history)
-    distance, across = numbers(history["distance_m"]), "sliding distance (m)"
+    distance, across = output.numbers(history["distance_m"]), "sliding distance (m)"
     if not np.isfinite(distance).all() or np.ptp(distance) == 0.0:  # nothing slides
         distance, across = np.arange(len(distance), dtype=float), "state"
     few = ", chosen for the reason that stands beside each" if len(frames) < count else ""
-    return ReportContent(
-        command="simulate",
-        title=f"Simulation of {scene.name}: {counted(count, 'state')}",
-        verdict=_verdict(history),
-        frames=frames,
-        choice=f"{len(frames)} of {counted(count, 'rendered state')} are shown{few}.",
-        curves=[
-            course_plot(f"{name} ({unit})", across, distance, values)
-            for name, unit, values in _known(history)
-        ],
-        no_budget=_NO_BUDGET,
-        tables=[ReportTable(f"The states ({HISTORY})", history)],
+    curves = [
+        figures.course_plot(f"{name} ({unit})", across, distance, values)
+        for name, unit, values in _known(history)
+    ]
+    return reporting.ReportContent(
+        command="simulate", title=f"Simulation of {scene.name}: {output.counted(count, 'state')}",
+        verdict=_verdict(history), frames=frames, curves=curves, no_budget=_NO_BUDGET,
+        choice=f"{len(frames)} of {output.counted(count, 'rendered state')} are shown{few}.",
+        tables=[reporting.ReportTable(f"The states ({rendering.HISTORY})", history)],
         causes_text=_NO_CAUSES,
-        scene=dump_scene(scene),
-        paper=paper_rows(scene, record),
-        picture=(folder / PICTURE).read_bytes(),
-    )
+        scene=dump_scene(scene), paper=reporting.paper_rows(scene, record),
+        picture=(folder / rendering.PICTURE).read_bytes(),
+    )  # fmt: skip
 
 
 def _known(history: Mapping[str, list[Any]]) -> Iterator[tuple[str, str, Array]]:
     """Names, units and values of the quantities that the simulation has."""
     for key, name, unit in _QUANTITIES:
-        values = numbers(history[key])
+        values = output.numbers(history[key])
         if np.isfinite(values).any():
             yield name, unit, values
 
 
 def _verdict(history: Mapping[str, list[Any]]) -> str:
     """The quantities at the first and the last state, in a sentence."""
-    distance = numbers(history["distance_m"])
-    parts = []
+    distance = output.numbers(history["distance_m"])
+    quantities = []
     for name, unit, values in _known(history):
         known = values[np.isfinite(values)]
         span = f"{known[0]:.4g}" if known[0] == known[-1] else f"{known[0]:.4g} to {known[-1]:.4g}"
-        parts.append(f"{name} {span} {unit}")
+        quantities.append(f"{name} {span} {unit}")
     slid = distance[np.isfinite(distance)]
     where = f"From {slid[0]:g} to {slid[-1]:g} m of sliding: " if np.ptp(slid) > 0.0 else ""
-    text = f"{where}{', '.join(parts)}."
+    text = f"{where}{', '.join(quantities)}."
     return f"{text[:1].upper()}{text[1:]}"
 
 
-def _frames(folder: Path, scene: Scene, history: Mapping[str, Sequence[Any]]) -> list[ReportFrame]:
+def _frames(
+    folder: Path, scene: Scene, history: Mapping[str, Sequence[Any]]
+) -> list[reporting.ReportFrame]:
     """The states that are shown: all of a few, else those that stand out and some between."""
     pixels, steps = pixel_grid(scene), len(scene.polariscope.step_numbers)
-    largest = numbers(history["n_max"])
-    chosen = choose_frames(np.full(len(largest), np.nan), largest)
+    largest = output.numbers(history["n_max"])
+    chosen = reporting.choose_frames(np.full(len(largest), np.nan), largest)
     size, camera = (pixels.rows, pixels.cols), scene.camera
     colours = (3,) if camera is not None and camera.colour else ()
-    stored = _stack(folder / FRAMES, (len(largest) * steps, *size, *colours))
-    orders = _stack(folder / ORDER, (len(largest), *size))
+    stored = _stack(folder / rendering.FRAMES, (len(largest) * steps, *size, *colours))
+    orders = _stack(folder / rendering.ORDER, (len(largest), *size))
     images = [np.array(stored[k * steps], np.float32) for k in chosen]
     if colours:
         images = [image.mean(axis=2) for image in images]
@@ -176,20 +122,15 @@ def _frames(folder: Path, scene: Scene, history: Mapping[str, Sequence[Any]]) ->
     frames = []
     for (number, why), image in zip(chosen.items(), images, strict=True):
         order = np.array(orders[number])
-        frames.append(
-            ReportFrame(
-                number=number,
-                label=str(history["label"][number]),
-                why=why,
-                panes=(
-                    Pane("rendered", "rendered frame", image, light, GREY_LEVELS),
-                    Pane("order", "fringe order N", order, span, FRINGES),
-                ),
-                order=order,
-                notes=tuple(notes),
-                **pixels.scale,
-            )
+        panes = (
+            reporting.Pane("rendered", "rendered frame", image, light, reporting.GREY_LEVELS),
+            reporting.Pane("order", "fringe order N", order, span, reporting.FRINGES),
         )
+        frame = reporting.ReportFrame(
+            number=number, label=str(history["label"][number]), why=why, panes=panes, order=order,
+            notes=tuple(notes), **pixels.scale,
+        )  # fmt: skip
+        frames.append(frame)
     return frames
 
 
@@ -202,73 +143,242 @@ def _stack(path: Path, shape: tuple[int, ...]) -> Array:
 
 
 def finish_simulation_folder(
-    run: RunFolder, work: RenderWork, record: Mapping[str, Any]
+    run: runs.RunFolder, work: rendering.RenderWork, record: Mapping[str, Any]
 ) -> dict[str, list[Any]]:
     """Make the files from what is kept of the chunks, a chunk in memory at a time."""
     folder, scene = run.results, work.scene
     history: dict[str, list[Any]] = {}
-    for row, _ in rows(run):
-        add_state_row(history, row)
-    write_csv(folder / HISTORY, history)
-    with replacing(folder / PRESSURE) as beside, open(beside, "wb") as file:
-        file.write(csv_text(dict.fromkeys(PROFILE, ())).encode())
-        file.writelines(parts(run, PRESSURE))
+    for row, _ in runs.rows(run):
+        rendering.add_state_row(history, row)
+    output.write_csv(folder / rendering.HISTORY, history)
+    with output.replacing(folder / rendering.PRESSURE) as beside, open(beside, "wb") as file:
+        file.write(output.csv_text(dict.fromkeys(rendering.PROFILE, ())).encode())
+        file.writelines(runs.parts(run, rendering.PRESSURE))
     for name in work.stacks:
         _join(run, work, name, history)
-    write_text(folder / "scene.toml", dump_scene(scene))
-    write_figure(folder / PICTURE, _drawn(work))
+    output.write_text(folder / "scene.toml", dump_scene(scene))
+    output.write_figure(folder / rendering.PICTURE, _drawn(work))
     if work.components:
         shown = work.rendered_states(work.shown)
         marks = "× largest shear" + (", ▼ edges of contact" if scene.is_contact else "")
-        head = f"{plain_name(scene.name)}, simulated: principal stresses\n{marks}"
-        labels = [plain_name(item.state.label) for item in shown]
-        panels = PaperPanels(kinds=stress_kinds(work.pixels, shown), labels=labels)
-        write_figure(folder / "stress.png", panels_figure(panels, head))
-    write_report(folder / REPORT, simulation_report(folder, scene, record))
+        head = f"{figures.plain_name(scene.name)}, simulated: principal stresses\n{marks}"
+        labels = [figures.plain_name(item.state.label) for item in shown]
+        panels = figures.PaperPanels(kinds=stress_kinds(work.pixels, shown), labels=labels)
+        output.write_figure(folder / "stress.png", figures.panels_figure(panels, head))
+    reporting.write_report(folder / runs.REPORT, simulation_report(folder, scene, record))
     return history
 
 
-def _join(run: RunFolder, work: RenderWork, name: str, history: dict[str, list[Any]]) -> None:
+def _join(
+    run: runs.RunFolder, work: rendering.RenderWork, name: str, history: dict[str, list[Any]]
+) -> None:
     """A stack from the chunks' parts of it, with what ImageJ is to know of it."""
     (steps, *shape), dtype = _form(work, name)
     pixels, camera = work.pixels, work.scene.camera
     assert camera is not None
-    if name == FRAMES:
+    if name == rendering.FRAMES:
         span = (0.0, 1.0 if camera.bit_depth is None else 2.0**camera.bit_depth - 1.0)
-    elif name == ORDER:
+    elif name == rendering.ORDER:
         span = (0.0, float(max(history["n_max"])))
     else:
-        ends = [np.nanpercentile(np.frombuffer(p, dtype), (0.1, 99.9)) for p in parts(run, name)]
+        ends = [
+            np.nanpercentile(np.frombuffer(p, dtype), (0.1, 99.9)) for p in runs.parts(run, name)
+        ]
         span = (float(np.min(ends)), float(np.max(ends)))
     labels = [
         f"{label}, step {step}" if steps > 1 else str(label)
         for label in history["label"]
         for step in range(steps)
     ]
-    frames = (
-        frame
-        for part in parts(run, name)
-        for frame in np.frombuffer(part, dtype).reshape(-1, *shape)
-    )
-    write_frames(
+    chunks = (np.frombuffer(part, dtype).reshape(-1, *shape) for part in runs.parts(run, name))
+    frames = chain.from_iterable(chunks)
+    output.write_frames(
         run.results / name, frames, (work.count * steps, *shape), dtype, pixel_mm=pixels.pixel_mm,
         photometric="rgb" if len(shape) == 3 else "minisblack",
-        metadata=imagej_view(name, span, labels=labels, **pixels.scale),
+        metadata=output.imagej_view(name, span, labels=labels, **pixels.scale),
     )  # fmt: skip
 
 
-def _form(work: RenderWork, name: str) -> tuple[tuple[int, ...], np.dtype[Any]]:
+def _form(work: rendering.RenderWork, name: str) -> tuple[tuple[int, ...], np.dtype[Any]]:
     """Shape (steps, rows, cols[, 3]) and type of a state's part of a stack."""
     size, camera = (work.pixels.rows, work.pixels.cols), work.scene.camera
     assert camera is not None
-    if name != FRAMES:
+    if name != rendering.FRAMES:
         return (1, *size), np.dtype("<f4")
     steps, colours = len(work.scene.polariscope.step_numbers), (3,) if camera.colour else ()
     return (steps, *size, *colours), stored_type(camera.bit_depth).newbyteorder("<")
 
 
+_NAMES = {"sigma_1": "σ₁", "sigma_2": "σ₂"}
+"""In letters that are no smaller than the others'."""
+
+
+def stress_kinds(
+    pixels: PixelGrid, items: Sequence[rendering.Rendered]
+) -> list[figures.PictureKind]:
+    """Maps of sigma_1 and of sigma_2, each of one scale; none where they were not asked for."""
+    kinds = []
+    for name, plain in _NAMES.items():
+        maps = [item.maps[name] for item in items if item.maps]
+        if len(maps) == len(items):
+            limit = figures.centred_limit(*maps, percentile=99.8)
+
+            def draw(axes: Axes, k: int, maps: Any = maps, limit: float = limit) -> AxesImage:
+                return _draw_stress(axes, items[k], maps[k], pixels, limit)
+
+            kinds.append(figures.PictureKind(name=plain, draw=draw, bar=f"{plain} (MPa)"))
+    return kinds
+
+
+def _draw_stress(
+    axes: Axes, item: rendering.Rendered, image: np.ndarray, pixels: PixelGrid, limit: float
+) -> AxesImage:
+    """A map, red in tension, a cross at the largest shear, carets at the contact's edges."""
+    look: dict[str, Any] = {"cmap": figures.DIFFERENCE_MAP, "vmin": -limit, "vmax": limit}
+    shown = figures.show_image(axes, image, **look, **pixels.scale)
+    peak, surface, (_, right, *_) = item.peak, item.state.surface, pixels.window
+    assert peak is not None
+    if surface is not None and pixels.top_mm <= 0.0:
+        from matplotlib.markers import CARETDOWN  # its tip, not its middle, is at the place
+
+        edges = [x for x in surface.edges_mm if pixels.left_mm <= x <= right]
+        axes.plot(
+            edges, [0.0] * len(edges), marker=CARETDOWN, color=figures.INK, ls="", clip_on=False
+        )
+    axes.plot(
+        peak.x_mm,
+        peak.z_mm,
+        "x",
+        color=figures.LINE_COLOURS[2],
+        ms=8,
+        mew=figures.BOLD_PT,
+        clip_on=False,
+    )
+    axes.set_xlim(pixels.left_mm, right)
+    return shown
+
+
+def simulation_panels(
+    scene: Scene, pixels: PixelGrid, items: Sequence[rendering.Rendered]
+) -> figures.PaperPanels:
+    """Frames, maps of the principal stresses where they were asked for, a contact's profiles."""
+    bits = scene.camera.bit_depth if scene.camera is not None else None
+    full = 1.0 if bits is None else 2**bits - 1
+
+    def frame(axes: Axes, k: int) -> AxesImage:
+        figures.plot_frame(items[k].frames[0], axes, full=full, **pixels.scale)
+        return axes.images[0]
+
+    kinds = [figures.PictureKind(name="frame", draw=frame), *stress_kinds(pixels, items)]
+    states = [item.state for item in items]
+    plots = []
+    if items[0].state.surface is not None:
+        plots.append(figures.Plot(title="pressure", draw=partial(plot_pressure, states)))
+        surfaces = [state.surface for state in states if state.surface is not None]
+        if any(np.any(surface.wear_depth_mm != 0.0) for surface in surfaces):
+            plots.append(figures.Plot(title="worn depth", draw=partial(plot_scar, states)))
+    most = (float(np.nanmax(item.picture.order)) for item in items)
+    return figures.PaperPanels(
+        kinds=kinds, labels=[figures.plain_name(state.label, 24) for state in states], plots=plots,
+        legend=[state.label for state in states] if plots and len(items) > 1 else (),
+        notes=[f"{state.label}: N up to {n:.2f}." for state, n in zip(states, most, strict=True)],
+    )  # fmt: skip
+
+
+States = rendering.SceneState | Sequence[rendering.SceneState]
+
+
+def plot_pressure(states: States, axes: Axes | None = None) -> Axes:
+    """Draw the pressure along the surface of a contact, one line a state.
+
+    It reaches a little beyond the widest contact.
+
+    Parameters
+    ----------
+    states : SceneState or sequence of SceneState
+        States of a contact, of `scene_states` or of what `simulate` gave.
+    axes : matplotlib.axes.Axes, optional
+        Where to draw; by default a new figure of matplotlib.pyplot.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        What was drawn on.
+
+    Raises
+    ------
+    InputError
+        Where a state is not a contact's.
+
+    Examples
+    --------
+    >>> import isochrome
+    >>> states = isochrome.scene_states(isochrome.load_scene("line-contact-wear"))
+    >>> isochrome.plot_pressure(states).get_ylabel()
+    'pressure p (MPa)'
+    """
+    return _along_surface(states, axes, "pressure p (MPa)", lambda own: own.pressure_mpa)
+
+
+def plot_scar(states: States, axes: Axes | None = None) -> Axes:
+    """Draw the worn depth along the surface of a contact, downwards, one line a state.
+
+    It reaches a little beyond the widest contact.
+
+    Parameters
+    ----------
+    states : SceneState or sequence of SceneState
+        States of a contact, of `scene_states` or of what `simulate` gave.
+    axes : matplotlib.axes.Axes, optional
+        Where to draw; by default a new figure of matplotlib.pyplot.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        What was drawn on.
+
+    Raises
+    ------
+    InputError
+        Where a state is not a contact's.
+
+    Examples
+    --------
+    >>> import isochrome
+    >>> states = isochrome.scene_states(isochrome.load_scene("line-contact-wear"))
+    >>> isochrome.plot_scar(states).get_ylabel()
+    'worn depth h (µm)'
+    """
+    drawn = _along_surface(states, axes, "worn depth h (µm)", lambda own: 1e3 * own.wear_depth_mm)
+    if not drawn.yaxis_inverted():
+        drawn.invert_yaxis()
+    return drawn
+
+
+def _along_surface(
+    states: States, axes: Axes | None, label: str, value: Callable[[SurfaceState], NDArray[Any]]
+) -> Axes:
+    """One line a state, over the widest contact and a little beyond."""
+    given = [states] if isinstance(states, rendering.SceneState) else list(states)
+    surfaces = [state.surface for state in given if state.surface is not None]
+    if not surfaces or len(surfaces) < len(given):
+        raise InputError("states_without_surface_under")
+    drawn = figures.given_axes(axes)
+    for state, surface, colour in zip(given, surfaces, cycle(figures.LINE_COLOURS), strict=False):
+        drawn.plot(
+            surface.grid.x_mm, value(surface), color=colour, lw=figures.BOLD_PT, label=state.label
+        )
+    widest = max(abs(edge) for surface in surfaces for edge in surface.edges_mm)
+    figures.style_axes(drawn, x_label="x (mm)", z_label=label)
+    drawn.set_xlim(-1.25 * widest, 1.25 * widest)
+    drawn.grid(alpha=0.3, lw=figures.FINE_PT)
+    if axes is None and len(given) > 1:
+        figures.add_legend(drawn)
+    return drawn
+
+
 @dataclass(frozen=True, repr=False, kw_only=True)
-class Simulation(Result):
+class Simulation(output.Result):
     """A simulated scene.
 
     Parameters
@@ -300,7 +410,7 @@ class Simulation(Result):
     scene: Scene
     pixels: PixelGrid
     history: dict[str, list[Any]]
-    states: list[SceneState] = field(default_factory=list)
+    states: list[rendering.SceneState] = field(default_factory=list)
     frames: NDArray[np.generic] | None = None
     orders: NDArray[np.float32] | None = None
     maps: dict[str, NDArray[np.float32]] = field(default_factory=dict)
@@ -317,9 +427,9 @@ class Simulation(Result):
         if self.frames is None or self.orders is None:
             raise InputError("frames_maps_tiff_stacks", title=self.title)
         count = len(self.history["state"])
-        columns = {n: column(list(values), "state", n) for n, values in self.history.items()}
+        columns = {n: runs.column(list(values), "state", n) for n, values in self.history.items()}
         places = {name: columns.pop(name) for name in ("state", "label", "distance_m")}
-        places |= picture_axes(self.pixels, coloured=self.frames.ndim == 4)
+        places |= rendering.picture_axes(self.pixels, coloured=self.frames.ndim == 4)
         maps = {"frames": self.frames, "fringe_order": self.orders, **self.maps}
         for name, values in maps.items():
             stack = values.reshape(count, len(values) // count, *values.shape[1:])
@@ -327,8 +437,10 @@ class Simulation(Result):
             if stack.shape[1] == 1:
                 stack, names = stack[:, 0], ("state", *names[2:])
             units, what = _MAPS.get(name, ("MPa", name))
-            columns[name] = Column(names, stack, {"units": units, "long_name": what})
-        return make_dataset(columns, places, attributes({"scene": dump_scene(self.scene)}))
+            columns[name] = runs.Column(names, stack, {"units": units, "long_name": what})
+        return runs.make_dataset(
+            columns, places, runs.attributes({"scene": dump_scene(self.scene)})
+        )
 
     @property
     def columns(self) -> Mapping[str, Sequence[Any]]:
@@ -343,26 +455,27 @@ class Simulation(Result):
     @property
     def title(self) -> str:
         """The scene and how many states it has."""
-        return f"Simulation of {self.scene.name}: {counted(len(self.history['state']), 'state')}"
+        count = output.counted(len(self.history["state"]), "state")
+        return f"Simulation of {self.scene.name}: {count}"
 
     def main_values(self) -> Iterator[tuple[str, str]]:
         """The contact's and the fringes' largest values over the states."""
         for name, *_ in _QUANTITIES:
             if name in self.history:
-                yield name, over_items(self.history[name], items="states")
+                yield name, output.over_items(self.history[name], items="states")
 
     def to_json(self) -> dict[str, Any]:
         """The history of all states."""
         return {"history": self.history}
 
-    def panels(self, frames: tuple[int, ...] | None = None) -> PaperPanels:
+    def panels(self, frames: tuple[int, ...] | None = None) -> figures.PaperPanels:
         """Give the states for a paper, rendered again; see `paper_figure`.
 
         `frames`: numbers of the states that are shown. Raises InputError where one is not there.
         """
         count = len(self.history["state"])
-        shown = chosen_frames(frames, count, shown_states(count), items="states")
-        work = RenderWork(self.scene, self.pixels, count, components=self.components)
+        shown = figures.chosen_frames(frames, count, rendering.shown_states(count), items="states")
+        work = rendering.RenderWork(self.scene, self.pixels, count, components=self.components)
         return simulation_panels(self.scene, self.pixels, work.rendered_states(shown))
 
 
@@ -437,45 +550,50 @@ def simulate(
     5.35
     """
     scene = load_scene(scene)
-    required_model(scene)
+    rendering.required_model(scene)
     check_moduli(scene)
     check_pixel(scene, None)
-    pixels, count = pixel_grid(scene), state_count(scene)
+    pixels, count = pixel_grid(scene), rendering.state_count(scene)
     if out is not None:
         seed = scene.camera.seed if scene.camera else None
         files = scene.files(of_frames=False)
-        identity = run_identity(dump_scene(scene), files, {"components": components}, seed)
+        identity = runs.run_identity(dump_scene(scene), files, {"components": components}, seed)
         if cluster is not None:  # another machine stands in another folder
             scene = scene.model_copy(update={"folder": (scene.folder or Path()).absolute()})
-        with single_threaded():
-            work = RenderWork(scene, pixels, count, components=components)
+        with runs.single_threaded():
+            work = rendering.RenderWork(scene, pixels, count, components=components)
             forms = [_form(work, name) for name in work.stacks]
             size = sum(int(np.prod(shape)) * dtype.itemsize for shape, dtype in forms)
-            chunk = chunk_size(count, size)
-            layout = RunLayout(axes={"state": count}, chunk=chunk, store=False, part_bytes=size)
-            job = Job(work, layout, identity)
+            chunk = runs.chunk_size(count, size)
+            layout = runs.RunLayout(
+                axes={"state": count}, chunk=chunk, store=False, part_bytes=size
+            )
+            job = runs.Job(work, layout, identity)
             finish = partial(finish_simulation_folder, work=work, record=identity)
-            options = RunOptions(workers, cluster, restart)
-            columns = run_job(job, Path(out), finish, options=options, progress=progress)
+            options = runs.RunOptions(workers, cluster, restart)
+            columns = runs.run_job(job, Path(out), finish, options=options, progress=progress)
         already = columns is None
-        picture = partial(saved_picture, Path(out).absolute() / PICTURE)
-        draw = picture if already else partial(_drawn, work)
+        picture = partial(output.saved_picture, Path(out).absolute() / rendering.PICTURE)
         return Simulation(
-            scene=scene, pixels=pixels, history=columns or read_csv(Path(out) / HISTORY),
-            already=already, draw=draw, components=components,
+            scene=scene, pixels=pixels, already=already, components=components,
+            history=columns or output.read_csv(Path(out) / rendering.HISTORY),
+            draw=picture if already else partial(_drawn, work),
         )  # fmt: skip
-    refuse_without_folder(out, workers, cluster)
-    work = RenderWork(scene, pixels, count, components=components)
-    states: list[SceneState] = []
+    runs.refuse_without_folder(out, workers, cluster)
+    work = rendering.RenderWork(scene, pixels, count, components=components)
+    states: list[rendering.SceneState] = []
     history: dict[str, list[Any]] = {}
     stacks: dict[str, list[NDArray[Any]]] = {}
     for index, item in enumerate(work.rendered(0, count)):
-        add_state_row(history, history_row(index, item, pixels))
-        add_state_row(stacks, item.stacks)
+        rendering.add_state_row(history, rendering.history_row(index, item, pixels))
+        rendering.add_state_row(stacks, item.stacks)
         states.append(item.state)
         if progress is not None:
             progress(Tally(index + 1, count, 0, 0))
-    frames, orders = np.concatenate(stacks.pop(FRAMES)), np.stack(stacks.pop(ORDER))
+    frames, orders = (
+        np.concatenate(stacks.pop(rendering.FRAMES)),
+        np.stack(stacks.pop(rendering.ORDER)),
+    )
     maps = {name.removesuffix(".tif"): np.stack(images) for name, images in stacks.items()}
     return Simulation(
         scene=scene, pixels=pixels, history=history, states=states, frames=frames, orders=orders,
@@ -483,10 +601,10 @@ def simulate(
     )  # fmt: skip
 
 
-def _drawn(work: RenderWork) -> Figure:
+def _drawn(work: rendering.RenderWork) -> Figure:
     """Simulated frames on millimetre axes; for a contact, pressure and worn depth below them."""
     scene, steps = work.scene, len(work.scene.polariscope.step_numbers)
     which = f"rendered frames, the first of {steps} steps" if steps > 1 else "rendered frames"
-    head = f"{plain_name(scene.name)}, simulated ({which})"
-    shown = [replace(item, components=None) for item in work.rendered_states(work.shown)]
-    return panels_figure(simulation_panels(scene, work.pixels, shown), head)
+    head = f"{figures.plain_name(scene.name)}, simulated ({which})"
+    shown = [replace(item, maps={}) for item in work.rendered_states(work.shown)]
+    return figures.panels_figure(simulation_panels(scene, work.pixels, shown), head)

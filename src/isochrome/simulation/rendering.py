@@ -1,64 +1,266 @@
-"""From states to what the camera stores of them, one state at a time, with axes in mm.
+"""From scene to what the camera stores: states, stress, fringe order, signal, frames.
 
-States are rendered chunk by chunk, by whoever asks. The wear run comes first and is sequential:
-each process solves it once, as far as it needs it, a tenth of what rendering costs.
+Each step is a function of its own. States are rendered one at a time, chunk by chunk, by whoever
+asks. The wear run comes first and is sequential: each process solves it once, as far as it needs
+it, a tenth of what rendering costs.
 """
 
 from __future__ import annotations
 
 import threading
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from isochrome.contact import SurfaceState
+from isochrome import optics
+from isochrome.contact import SurfaceState, iter_contact_states
 from isochrome.errors import InputError, PhysicsError
-from isochrome.optics import expose, fringe_order
+from isochrome.messages import message
 from isochrome.output import csv_text, evenly_spaced
 from isochrome.runs import Column, Results, make_dataset
-from isochrome.scene import Scene
-from isochrome.simulation.model import (
-    Picture,
-    SceneState,
-    iter_scene_states,
-    make_picture,
-    picture_signal,
-    refuse_too_fine,
-    required_model,
-    state_difference,
-)
+from isochrome.scene import Camera, Scene
 from isochrome.specimens import specimen_model
-from isochrome.stress import PixelGrid, ShearPeak, pixel_grid, principal_direction
+from isochrome.stress import PixelGrid, ShearPeak, StressDifference, pixel_grid, principal_direction
 
 if TYPE_CHECKING:
     from isochrome.runs import RunArray, RunDataset
+
+Array = NDArray[np.floating]
+
+_TOO_FINE_SHARE = 0.03
+"""Share of the fringed pixels with fringes finer than two pixels at which a picture is refused: a
+few at the edge of a contact or beside point loads, where the stress is steep, are no harm."""
+
+_FLOAT32_BITS = 10
+"""Bits up to which single precision, 1e-5 of the signal at N = 50, is below half a grey level."""
+
+
+@dataclass(frozen=True)
+class SceneState:
+    """One state of a scene.
+
+    Parameters
+    ----------
+    label : str
+        Its name, such as 'static' or '31 m'.
+    distance_m : float
+        Distance slid, m.
+    surface : SurfaceState or None
+        What acts on the surface; None but in a contact.
+    """
+
+    label: str
+    distance_m: float
+    surface: SurfaceState | None
+
+
+@dataclass(frozen=True)
+class Picture:
+    """What the camera would see (rows, cols), before the camera."""
+
+    difference: StressDifference  # (sigma_x - sigma_z) + 2i tau_xz, MPa
+    order: Array  # in the pixels' middles, fringes
+    mean_order: Array  # that the pixels show, the mean over their area
+    material: NDArray[np.bool_]  # False: no specimen
+    visibility: Array  # of the fringes in a pixel's area
+    too_fine: float  # share of the fringed pixels with fringes finer than two pixels
+
+
+def scene_states(scene: Scene) -> list[SceneState]:
+    """Solve a scene's mechanics: every state, in the scene's order.
+
+    With `stress_map`, `polariscope_light` and `camera_frame` it is the way of `simulate`, step by
+    step.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+
+    Returns
+    -------
+    list of SceneState
+        The states; those of a contact have what acts on its surface, see `surface_tractions`.
+
+    Raises
+    ------
+    InputError
+        Where the scene has no model.
+    PhysicsError
+        Where it cannot be solved.
+
+    Notes
+    -----
+    Source: Johnson (1985), Contact Mechanics, sections 4.2 and 5.4; Archard (1953), J. Appl. Phys.
+    24, 981, for the wear.
+
+    Examples
+    --------
+    >>> import isochrome
+    >>> states = isochrome.scene_states(isochrome.load_scene("line-contact-wear"))
+    >>> [state.label for state in states][:3]
+    ['static', 'initial sliding', '31 m']
+    """
+    return list(iter_scene_states(scene))
+
+
+def iter_scene_states(scene: Scene) -> Iterator[SceneState]:
+    """The states of `scene_states`, each solved when it is asked for; InputError at once."""
+    model = required_model(scene)
+    if not scene.is_contact:
+        return iter((SceneState(model, 0.0, None),))
+    return (
+        SceneState(
+            f"{s.distance_m:g} m" if s.distance_m else "initial sliding" if s.sliding else "static",
+            s.distance_m,
+            with_added_tractions(scene, s),
+        )
+        for s in iter_contact_states(scene)
+    )
+
+
+def with_added_tractions(scene: Scene, surface: SurfaceState) -> SurfaceState:
+    """A surface with the scene's added tractions; PhysicsError outside the contact's window."""
+    added = scene.added_tractions
+    if added is None:
+        return surface
+    grid, x = surface.grid, surface.grid.x_mm
+    beyond = np.array([x[0] - added.x_mm[0], added.x_mm[-1] - x[-1]])
+    if beyond.max() > x[-1] - x[0]:
+        raise PhysicsError(
+            "load_added_tractions_outside_window",
+            first=added.x_mm[0], last=added.x_mm[-1], left_mm=float(x[0]), right=float(x[-1]),
+        )  # fmt: skip
+    before, behind = np.ceil(np.maximum(0.0, beyond) / grid.spacing_mm).astype(int).tolist()
+    wider = replace(
+        grid, left_mm=grid.left_mm - before * grid.spacing_mm, nodes=grid.nodes + before + behind
+    )
+    pressure, shear, depth = (
+        np.pad(values, (before, behind))
+        for values in (surface.pressure_mpa, surface.shear_mpa, surface.wear_depth_mm)
+    )
+    more = (
+        np.interp(wider.x_mm, added.x_mm, values, left=0.0, right=0.0)
+        for values in (added.pressure_mpa, added.shear_mpa)
+    )
+    return replace(
+        surface, grid=wider, pressure_mpa=pressure + next(more), shear_mpa=shear + next(more),
+        wear_depth_mm=depth, scar_edges_mm=surface.edges_mm,
+    )  # fmt: skip
+
+
+def state_count(scene: Scene) -> int:
+    """Number of states of a scene, without solving them."""
+    if not scene.is_contact or (scene.load is not None and scene.load.tangential_n is not None):
+        return 1
+    static = scene.friction is not None and scene.friction.static_state_first
+    return int(static) + (len(scene.wear.distances_m) if scene.wear else 1)
+
+
+def required_model(scene: Scene) -> str:
+    """The name of a scene's model; InputError where it has none."""
+    if scene.model is None:
+        raise InputError(no_model_sentence(scene))
+    return scene.model
+
+
+def no_model_sentence(scene: Scene) -> str:
+    """Why a scene has no model, and what can be done with its frames all the same."""
+    return message(
+        "so_cannot_simulated_isochrome", name=scene.name, no_model_reason=scene.no_model_reason
+    )
+
+
+def state_difference(scene: Scene, state: SceneState, pixels: PixelGrid) -> StressDifference:
+    """(sigma_x - sigma_z) + 2i tau_xz (rows, cols), MPa, of a state; NaN: no specimen."""
+    return specimen_model(scene).difference(scene, state.surface, pixels)
+
+
+def make_picture(scene: Scene, difference: StressDifference, pixels: PixelGrid) -> Picture:
+    """Fringe order, mask and visibility of a stress field (sigma_x - sigma_z) + 2i tau_xz, MPa."""
+    specimen = scene.specimen
+    assert specimen.thickness_mm is not None and specimen.fringe_value_n_per_mm is not None
+    order = optics.fringe_order(
+        difference,
+        thickness_mm=specimen.thickness_mm,
+        fringe_value_n_per_mm=specimen.fringe_value_n_per_mm,
+    )
+    material = np.isfinite(order)
+    if scene.model:  # of any other specimen the field itself says where it is
+        material &= specimen_model(scene).inside(pixels)
+    order = order if material.all() else np.where(material, order, np.nan)
+    visibility, too_fine = optics.pixel_visibility(order)
+    return Picture(difference, order, optics.mean_order(order), material, visibility, too_fine)
+
+
+def picture_signal(scene: Scene, picture: Picture, step: int | None = None) -> Array:
+    """A picture's signal, 1 for full light: (rows, cols), of a colour camera (rows, cols, 3).
+
+    `step`: phase step, None: the field. InputError: a response or a light that cannot be used.
+    """
+    camera, polariscope = scene.camera, scene.polariscope
+    order, covered = picture.mean_order, picture.material.all()
+    if not covered:
+        order = np.where(picture.material, order, 0.0)
+    if camera is None or camera.bit_depth is None or camera.bit_depth > _FLOAT32_BITS:
+        order = order.astype(float)
+    coloured = camera is not None and (camera.colour or camera.response is not None)
+    if polariscope.several_wavelengths or coloured:
+        signal = _spectral(scene, picture, order, step)
+    else:
+        chain = optics.make_chain(polariscope, step)
+        direction = None if chain.ideal else principal_direction(picture.difference)
+        signal = optics.polariscope_signal(
+            order, chain, direction=direction, visibility=picture.visibility
+        )
+    if not covered:
+        signal[~picture.material] = 0.0
+    return signal
+
+
+def _spectral(scene: Scene, picture: Picture, order: Array, step: int | None) -> Array:
+    """The signal for several wavelengths, or in several channels."""
+    camera, polariscope = scene.camera or Camera(), scene.polariscope
+    path = scene.path(camera.response) if camera.response is not None else None
+    response = optics.camera_response(camera, path)
+    highest = optics.highest_visible(order, picture.visibility)
+    light = optics.make_light(polariscope, response, highest_order=highest)
+    chains = [
+        optics.make_chain(polariscope, step, wavelength_nm=float(w)) for w in light.wavelength_nm
+    ]
+    ideal = all(chain.ideal for chain in chains)
+    assert polariscope.wavelength_nm is not None
+    direction = None if ideal else principal_direction(picture.difference)
+    signal = optics.spectral_signal(
+        order, light, chains, reference_nm=polariscope.wavelength_nm, direction=direction,
+        visibility=picture.visibility,
+    )  # fmt: skip
+    return signal if camera.colour else signal[..., 0]
+
+
+def refuse_too_fine(scene: Scene, picture: Picture) -> None:
+    """Raise PhysicsError where too many fringes are finer than two pixels."""
+    if picture.too_fine > _TOO_FINE_SHARE:
+        share, pixel = 100 * picture.too_fine, scene.camera.pixel_mm if scene.camera else None
+        raise PhysicsError("fringes_finer_two_pixels", name=scene.name, too_fine=share, pixel=pixel)
+
 
 LAYERS = ("sigma_1", "sigma_2", "sigma_1_direction", "sigma_x", "sigma_z", "tau_xz")
 """Names of the maps that `simulate` leaves: MPa, the direction in degrees."""
 
 
-@dataclass(frozen=True)
-class Components:
-    """All that the model knows of one state's stress."""
-
-    # each of LAYERS by its name (rows, cols), NaN outside the material
-    maps: dict[str, NDArray[np.float32]]
-    # the largest shear in the material in view, its surface included (under point loads, which
-    # make it infinite, that at the pixels' centres)
-    peak: ShearPeak
-
-
 def state_components(
     scene: Scene, state: SceneState, picture: Picture, pixels: PixelGrid
-) -> Components:
-    """Stress components, principal stresses and the largest shear of one state.
+) -> tuple[dict[str, NDArray[np.float32]], ShearPeak]:
+    """Each of LAYERS by its name (rows, cols), NaN: no material, and the largest shear in view.
 
     sigma_1,2 = (sigma_x + sigma_z)/2 ± |(sigma_x - sigma_z) + 2i tau_xz|/2; direction of sigma_1
-    counter-clockwise from the image's +x, -90 to 90. Source: Timoshenko & Goodier (1970), section
-    9.
+    counter-clockwise from the image's +x, -90 to 90. The shear is the largest in all the material
+    in view, its surface included; under point loads, which make it infinite, that at the pixels'
+    centres. Source: Timoshenko & Goodier (1970), section 9.
     """
     model = specimen_model(scene)
     stress = model.components(scene, state.surface, pixels)
@@ -70,7 +272,7 @@ def state_components(
         for name, array in zip(LAYERS, arrays, strict=True)
     }
     difference = maps["sigma_1"] - maps["sigma_2"]
-    return Components(maps, model.peak(scene, state.surface, difference, pixels))
+    return maps, model.peak(scene, state.surface, difference, pixels)
 
 
 def picture_array(
@@ -105,15 +307,14 @@ PROFILE = ("state", "x_mm", "pressure_mpa", "shear_mpa", "wear_depth_um")
 def history_row(index: int, item: Rendered, pixels: PixelGrid) -> dict[str, Any]:
     """One row of history.csv: contact, wear, and the largest fringe order and shear in view.
 
-    Without the item's components the largest shear is that of the pixel with the largest order.
+    Where no maps were asked for the largest shear is that of the pixel with the largest order.
     """
     order = np.where(item.picture.material, item.picture.order, -1.0)
     row, col = np.unravel_index(int(order.argmax()), order.shape)
     place = pixels.place(int(row), int(col))
     shear = 0.5 * float(np.abs(item.picture.difference[row, col]))
-    peak = item.components.peak if item.components else ShearPeak(shear, *place)
-    surface = item.state.surface
-    nothing = float("nan")
+    peak = item.peak or ShearPeak(shear, *place)
+    surface, nothing = item.state.surface, float("nan")
     columns: dict[str, Any] = {
         "state": index,
         "label": item.state.label,
@@ -137,15 +338,6 @@ def history_row(index: int, item: Rendered, pixels: PixelGrid) -> dict[str, Any]
     return columns
 
 
-def profile_rows(index: int, surface: SurfaceState) -> dict[str, Any]:
-    """The rows of pressure.csv for one state: what is loaded or worn, and a zero at both ends."""
-    p, q, h = surface.pressure_mpa, surface.shear_mpa, 1e3 * surface.wear_depth_mm
-    places = np.flatnonzero((p != 0.0) | (q != 0.0) | (h != 0.0))
-    span = slice(max(int(places[0]) - 1, 0), int(places[-1]) + 2)
-    x = surface.grid.x_mm[span]
-    return dict(zip(PROFILE, ([index] * len(x), x, p[span], q[span], h[span]), strict=True))
-
-
 def add_state_row(columns: dict[str, list[Any]], row: dict[str, Any]) -> None:
     """Add a row to a table's columns."""
     for name, value in row.items():
@@ -159,16 +351,16 @@ class Rendered:
     state: SceneState
     picture: Picture
     frames: NDArray[np.generic]  # grey levels, (steps, rows, cols[, 3])
-    components: Components | None = None  # of its stress; None: nobody asked
+    maps: dict[str, NDArray[np.float32]] = field(default_factory=dict)  # of its stress, where asked
+    peak: ShearPeak | None = None
     # largest change of the order in view by the sides of a block; None: a half-plane
     block_order: float | None = None
 
     @property
     def stacks(self) -> dict[str, NDArray[Any]]:
         """What of it goes into each stack, by the names of their files."""
-        maps = self.components.maps if self.components else {}
-        order = self.picture.order.astype(np.float32)
-        return {FRAMES: self.frames, ORDER: order, **{f"{n}.tif": maps[n] for n in maps}}
+        stacks = {FRAMES: self.frames, ORDER: self.picture.order.astype(np.float32)}
+        return stacks | {f"{name}.tif": values for name, values in self.maps.items()}
 
 
 def render(
@@ -195,11 +387,14 @@ def render(
         refuse_too_fine(scene, picture)
         rng = np.random.default_rng([scene.camera.seed, index])
         frames = [
-            expose(picture_signal(scene, picture, step), scene.camera, rng=rng)
+            optics.expose(picture_signal(scene, picture, step), scene.camera, rng=rng)
             for step in scene.polariscope.step_numbers
         ]
-        parts = state_components(scene, state, picture, pixels) if components else None
-        yield Rendered(state, picture, np.stack(frames), parts, _block_order(scene, state, pixels))
+        maps, peak = dict[str, NDArray[np.float32]](), None
+        if components:
+            maps, peak = state_components(scene, state, picture, pixels)
+        block_order = _block_order(scene, state, pixels)
+        yield Rendered(state, picture, np.stack(frames), maps, peak, block_order)
 
 
 def _block_order(scene: Scene, state: SceneState, pixels: PixelGrid) -> float | None:
@@ -211,7 +406,7 @@ def _block_order(scene: Scene, state: SceneState, pixels: PixelGrid) -> float | 
         return None
     few = pixels.every(max(1, min(pixels.rows, pixels.cols) // 32))  # smooth: no pixel differs
     x, z = few.places
-    order = fringe_order(
+    order = optics.fringe_order(
         added.difference(x, np.maximum(z, 0.0)),
         thickness_mm=scene.specimen.thickness_mm or 0.0,
         fringe_value_n_per_mm=scene.specimen.fringe_value_n_per_mm or 0.0,
@@ -258,8 +453,14 @@ class RenderWork:
         rows, tables = [], []
         for index, item in enumerate(self.rendered(start, stop), start):
             rows.append(history_row(index, item, self.pixels))
-            if item.state.surface is not None:
-                tables.append(csv_text(profile_rows(index, item.state.surface), header=False))
+            if (surface := item.state.surface) is not None:
+                p, q, h = surface.pressure_mpa, surface.shear_mpa, 1e3 * surface.wear_depth_mm
+                # what is loaded or worn, and a zero at both ends
+                places = np.flatnonzero((p != 0.0) | (q != 0.0) | (h != 0.0))
+                span = slice(max(int(places[0]) - 1, 0), int(places[-1]) + 2)
+                x = surface.grid.x_mm[span]
+                values = [index] * len(x), x, p[span], q[span], h[span]
+                tables.append(csv_text(dict(zip(PROFILE, values, strict=True)), header=False))
             for name, images in item.stacks.items():
                 little_endian = images.astype(images.dtype.newbyteorder("<"), copy=False)
                 parts[name] += np.ascontiguousarray(little_endian).data
@@ -328,14 +529,13 @@ def surface_tractions(state: SceneState) -> RunDataset:
     surface = state.surface
     if surface is None:
         raise InputError("no_contact_state_has", label=state.label)
-    values = {
-        "pressure_mpa": (surface.pressure_mpa, "MPa", "pressure p"),
-        "shear_mpa": (surface.shear_mpa, "MPa", "shear traction q along +x"),
-        "wear_depth_um": (1e3 * surface.wear_depth_mm, "um", "worn depth h"),
-    }
     columns = {
         name: Column(("x_mm",), along, {"units": units, "long_name": what})
-        for name, (along, units, what) in values.items()
+        for name, along, units, what in (
+            ("pressure_mpa", surface.pressure_mpa, "MPa", "pressure p"),
+            ("shear_mpa", surface.shear_mpa, "MPa", "shear traction q along +x"),
+            ("wear_depth_um", 1e3 * surface.wear_depth_mm, "um", "worn depth h"),
+        )
     }
     place = Column(("x_mm",), surface.grid.x_mm, {"units": "mm", "long_name": "along the surface"})
     return make_dataset(columns, {"x_mm": place}, {"label": state.label})
@@ -485,13 +685,10 @@ def camera_frame(
     channels = (3,) if camera is not None and camera.colour else ()
     if values.shape != (pixels.rows, pixels.cols, *channels) or values.dtype.kind != "f":
         raise InputError(
-            "light_shape_type_give",
-            name=scene.name,
-            shape=values.shape,
-            dtype=values.dtype,
+            "light_shape_type_give", name=scene.name, shape=values.shape, dtype=values.dtype,
             value=(pixels.rows, pixels.cols, *channels),
-        )
+        )  # fmt: skip
     assert camera is not None
     source = np.random.default_rng([camera.seed, 0]) if rng is None else rng
     attributes = {"units": "grey level", "long_name": "the camera's frame"}
-    return picture_array(expose(values, camera, rng=source), pixels, "frame", attributes)
+    return picture_array(optics.expose(values, camera, rng=source), pixels, "frame", attributes)

@@ -16,22 +16,15 @@ from functools import lru_cache
 
 import numpy as np
 
+from isochrome import stress
 from isochrome.contact import SurfaceState
 from isochrome.errors import InputError, PhysicsError
 from isochrome.scene import Scene
 from isochrome.specimens.contact import HalfPlane
-from isochrome.stress import (
-    NO_STRESS,
-    PixelGrid,
-    PointForce,
-    RegularStress,
-    Sampled,
-    Sides,
-    corrections,
-    regular_modes,
-)
 
-FORCES = tuple(PointForce(p, q, dipole) for dipole in (False, True) for p, q in np.eye(2).tolist())
+FORCES = tuple(
+    stress.PointForce(p, q, dipole) for dipole in (False, True) for p, q in np.eye(2).tolist()
+)
 """Unit normal and tangential force, and their unit first moments."""
 
 REACH = 0.6
@@ -44,13 +37,15 @@ _WIDEST = 0.1
 class BlockModel(HalfPlane):
     """A half-plane with sides and a support."""
 
-    def side_stress(self, scene: Scene, surface: SurfaceState, pixels: PixelGrid) -> RegularStress:
+    def side_stress(
+        self, scene: Scene, surface: SurfaceState, pixels: stress.PixelGrid
+    ) -> stress.RegularStress:
         """What sides and support add; InputError: a pixel too far; PhysicsError: too wide."""
         specimen = scene.specimen
         assert specimen.width_mm is not None and specimen.height_mm is not None
         assert specimen.poisson is not None
         left_mm = -0.5 * specimen.width_mm if specimen.left_mm is None else specimen.left_mm
-        sides = Sides(
+        sides = stress.Sides(
             left_mm, left_mm + specimen.width_mm, specimen.height_mm, specimen.poisson,
             specimen.support == "sliding",
         )  # fmt: skip
@@ -70,31 +65,31 @@ class BlockModel(HalfPlane):
         moments = (p.sum(), q.sum(), x @ p, x @ q)
         units = block_series(sides)
         parts = (s.times(dx * float(m)) for s, m in zip(units, moments, strict=True))
-        return sum(parts, NO_STRESS)
+        return sum(parts, stress.NO_STRESS)
 
 
 MODEL = BlockModel()
 
 
 @lru_cache(maxsize=8)
-def block_series(sides: Sides) -> tuple[RegularStress, ...]:
+def block_series(sides: stress.Sides) -> tuple[stress.RegularStress, ...]:
     """Corrections to a half-plane's stress under each of FORCES; InputError without scikit-fem."""
     reach = REACH * sides.clearance
-    return tuple(_fitted(s, reach) for s in corrections(sides, FORCES, within_mm=reach))
+    return tuple(_fitted(s, reach) for s in stress.corrections(sides, FORCES, within_mm=reach))
 
 
-def _fitted(sample: Sampled, reach: float) -> RegularStress:
+def _fitted(sample: stress.Sampled, reach: float) -> stress.RegularStress:
     """The power series of least squares over the Gauss points."""
     x, z, weight = sample.x / reach, sample.z / reach, np.sqrt(sample.area)
 
     def weighted(difference: np.ndarray, trace: np.ndarray) -> np.ndarray:
         return np.concatenate([weight * difference.real, weight * difference.imag, weight * trace])
 
-    modes = regular_modes(_DEGREE)
+    modes = stress.regular_modes(_DEGREE)
     matrix = np.stack([weighted(m.difference(x, z), m.trace(x, z)) for m in modes], axis=1)
-    stress = sample.stress
-    wanted = weighted(stress.difference, stress.sigma_x + stress.sigma_z)
+    known = sample.stress
+    wanted = weighted(known.difference, known.sigma_x + known.sigma_z)
     coefficients = np.linalg.lstsq(matrix, wanted, rcond=None)[0]
     # the modes are Re s_0, and then the real and the imaginary part of each s_n
     series = np.r_[coefficients[0], coefficients[1::2] + 1j * coefficients[2::2]]
-    return RegularStress(tuple((series / reach ** np.arange(_DEGREE + 1)).tolist()))
+    return stress.RegularStress(tuple((series / reach ** np.arange(_DEGREE + 1)).tolist()))
