@@ -11,7 +11,7 @@ import pytest
 from isochrome.console import print_fit, print_json, print_warnings, run_bar
 from isochrome.estimation import BudgetInput
 from isochrome.fitting import PARTS, Fit, KeyBudget
-from isochrome.output import basis_of_uncertainty, refined_texts, sentence_of, sentence_of_orders
+from isochrome.output import FittedResult, refined_texts, sentence_of_orders
 from isochrome.progress import Tally
 from isochrome.scene import load_scene
 
@@ -63,6 +63,22 @@ def test_rows_that_are_not_shown_are_counted(capfd):
     lines = shown(capfd, *(63 * [(1.0, 0.1)]))
     assert lines[-3].split("  ")[0] == "and 3 more in fit.csv"
     assert len(lines) == 1 + 60 + 1 + 1 + 1
+
+
+def sentence_of(rows, frames, causes, basis=""):
+    """The sentence of a result of so many frames."""
+    made = SimpleNamespace(
+        rows=rows, over_frames=SimpleNamespace(chi=[1.0] * frames), causes=causes, refined=[],
+        uncertainty_basis=basis,
+    )  # fmt: skip
+    return FittedResult.summary_text.fget(made)
+
+
+def basis_of_uncertainty(exact, frames=1, besides=()):
+    """What the ± of a result of so many frames are of."""
+    over = SimpleNamespace(chi=[1.0] * frames)
+    made = SimpleNamespace(taken_as_exact=exact, over_frames=over, besides=besides)
+    return FittedResult.uncertainty_basis.fget(made)
 
 
 def test_a_result_is_a_sentence():

@@ -76,39 +76,26 @@ def _shower(bars: Any, what: str, items: str) -> Callable[[Tally | None], None]:
         if tally is None:
             bars.remove_task(task)
             return
-        if tally.stage:
-            bars.update(task, description=tally.stage, completed=tally.done, total=tally.count)
-            began = monotonic()  # of the items themselves
-            if bars.disable and began - last >= LINE_EVERY_S:
-                last = began
-                text = f"{what}: {tally.stage}, {tally.done} of {tally.count} {items}"
-                typer.echo(text, err=True)
-            return
-        if tally.said and not bars.disable:
-            bars.console.print(f"{what}: {tally.said}")
+        now = monotonic()
+        began = now if tally.stage else began  # of the items themselves
+        done, seconds = tally.done - tally.before, now - began
         waiting = waiting or tally.said
-        if waiting and bars.disable and tally.done > tally.before:
+        if waiting and (done > 0 or not bars.disable):
             # a log gets it with what is finished first: a run that is refused says that alone
             typer.echo(f"{what}: {waiting}", err=True)
             waiting = ""
-        done, seconds = tally.done - tally.before, monotonic() - began
         rate = f"{done / seconds:.3g} {items}/s" if done and seconds > 0.0 else ""
-        if bars.disable and monotonic() - last >= LINE_EVERY_S:
-            last = monotonic()
-            typer.echo(_line_of_log(what, items, tally, rate, seconds), err=True)
+        if bars.disable and now - last >= LINE_EVERY_S:
+            last, parts = now, [tally.stage, f"{tally.done} of {tally.count} {items}"]
+            if not tally.stage:
+                parts += [rate, f"{tally.flagged} flagged"]
+            if rate:
+                parts.append(f"{(tally.count - tally.done) * seconds / done / 60.0:.0f} min left")
+            typer.echo(f"{what}: {', '.join(filter(None, parts))}", err=True)
         counts = {"completed": tally.done, "total": tally.count, "flagged": tally.flagged}
-        bars.update(task, description=what, rate=rate, **counts)
+        bars.update(task, description=tally.stage or what, rate=rate, **counts)
 
     return show
-
-
-def _line_of_log(what: str, items: str, tally: Tally, rate: str, seconds: float) -> str:
-    """How far a run is: what is done, how fast, what is flagged, and the minutes that are left."""
-    done = tally.done - tally.before
-    parts = [f"{tally.done} of {tally.count} {items}", rate, f"{tally.flagged} flagged"]
-    if done:
-        parts.append(f"{(tally.count - tally.done) * seconds / done / 60.0:.0f} min left")
-    return f"{what}: {', '.join(filter(None, parts))}"
 
 
 @contextmanager

@@ -170,19 +170,16 @@ def demo(out: str | Path = "isochrome-demo", *, progress: Progress | None = None
 
 def read_truth(samples: Path) -> dict[str, str]:
     """What the sample images were rendered with, as text for the summary."""
-
-    def put_in(folder: str, key: str) -> Any:
-        return json.loads((samples / folder / "truth.json").read_text("utf-8"))[key]
-
-    def value(folder: str, key: str) -> str:
-        return f"{put_in(folder, key):g}, rendered"
-
-    return {
-        "load": value("line-contact-wear", "load.normal_n"),
-        "film": f"{_range(put_in('sliding-film', 'load.normal_n'), 2)}, rendered",
-        "bending": value("bending", "fringe_value_n_per_mm"),
-        "disc": value("disc", "fringe_value_n_per_mm"),
-    }
+    keys = {
+        "load": ("line-contact-wear", "load.normal_n"), "film": ("sliding-film", "load.normal_n"),
+        "bending": ("bending", "fringe_value_n_per_mm"), "disc": ("disc", "fringe_value_n_per_mm"),
+    }  # fmt: skip
+    texts = {}
+    for name, (folder, key) in keys.items():
+        value = json.loads((samples / folder / "truth.json").read_text("utf-8"))[key]
+        text = _range(value, 2) if isinstance(value, list) else f"{value:g}"
+        texts[name] = f"{text}, rendered"
+    return texts
 
 
 def _range(values: list[float], digits: int) -> str:

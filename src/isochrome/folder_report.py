@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from isochrome import runs
 from isochrome.calibration import calibration_report
 from isochrome.comparison import compared_again
 from isochrome.errors import InputError, reason_of
@@ -12,22 +13,12 @@ from isochrome.messages import message
 from isochrome.output import output_folder
 from isochrome.processing import process_report, restore
 from isochrome.reporting import ReportContent, write_report
-from isochrome.runs import (
-    PROVENANCE,
-    REPORT,
-    STORE,
-    WORKING,
-    name_damage,
-    open_run,
-    opened_record,
-    reseal,
-)
 from isochrome.scene import parse_scene, read_text
 from isochrome.simulation import simulation_report
 
 _NEEDED = {
-    "frames.csv": ("process", ("scene.toml", STORE)),
-    "fit.json": ("fit", ("scene.toml", STORE)),
+    "frames.csv": ("process", ("scene.toml", runs.STORE)),
+    "fit.json": ("fit", ("scene.toml", runs.STORE)),
     "history.csv": ("simulate", ("scene.toml", "frames.tif", "fringe_order.tif", "simulation.png")),
     "calibration.json": ("calibrate", ("calibration.png",)),
     "scale.json": ("calibrate scale", ("scale.png",)),
@@ -74,51 +65,47 @@ def report(folder: str | Path, out: str | Path | None = None) -> Path:
     'report.html'
     """
     place = Path(folder)
-    file, command = _kind(place)
-    record = opened_record(place)
+    file, again = _kind(place)
+    record = runs.opened_record(place)
     assert record is not None
     # maps are many, and are looked at as they are read; of the rest all is small
-    record.check(name for name in record.sizes if "/" not in name and name != REPORT)
+    record.check(name for name in record.sizes if "/" not in name and name != runs.REPORT)
     try:
         content = _content(place, file, record.record)
     except InputError:
         raise
     except (OSError, KeyError, ValueError, TypeError, IndexError, AttributeError) as error:
-        name_damage(place)
+        runs.name_damage(place)
         raise InputError(
-            "cannot_read", place=place, reason=reason_of(error), again=_again(command)
+            "cannot_read", place=place, reason=reason_of(error), again=again
         ) from error
     target = place if out is None else output_folder(out)
-    written = write_report(target / REPORT, content)
-    reseal(target, REPORT)
+    written = write_report(target / runs.REPORT, content)
+    runs.reseal(target, runs.REPORT)
     return written
 
 
-def _again(command: str) -> str:
-    """What to do where a file is missing or damaged; of these two nothing is kept to resume."""
-    begun = "" if command.startswith(("calibrate", "compare")) else " with --restart"
-    return f"run {command} again{begun}"
-
-
 def _kind(place: Path) -> tuple[str, str]:
-    """The file by which a finished run's folder is known, and the command that left it."""
+    """The file by which a finished run's folder is known, and how it is made again."""
     if not place.is_dir():
         raise InputError("no_such_folder_name", place=place, named=_NAMED)
     result = next((name for name in _NEEDED if (place / name).is_file()), None)
     if result is None and (place / "summary.csv").is_file():
         raise InputError(f"{place}: " + message("campaign_name_folder_one"))
-    if result is None or not (place / PROVENANCE).is_file():
-        unfinished = Path(f"{place.resolve()}{WORKING}").is_dir()
-        hint = (
-            message("run_not_finished_run") if unfinished else f"name a folder that {_NAMED} left"
-        )
-        missing = PROVENANCE if result else " and no ".join(_NEEDED)
+    if result is None or not (place / runs.PROVENANCE).is_file():
+        hint = f"name a folder that {_NAMED} left"
+        if Path(f"{place.resolve()}{runs.WORKING}").is_dir():
+            hint = message("run_not_finished_run")
+        missing = runs.PROVENANCE if result else " and no ".join(_NEEDED)
         raise InputError("holds_no", place=place, missing=missing, hint=hint)
     command, others = _NEEDED[result]
+    # of these two nothing is kept to resume
+    begun = "" if command.startswith(("calibrate", "compare")) else " with --restart"
+    again = f"run {command} again{begun}"
     for name in others:
         if not (place / name).exists():
-            raise InputError("holds_no", place=place, missing=name, hint=_again(command))
-    return result, command
+            raise InputError("holds_no", place=place, missing=name, hint=again)
+    return result, again
 
 
 def _content(place: Path, file: str, record: Mapping[str, Any]) -> ReportContent:
@@ -135,6 +122,6 @@ def _content(place: Path, file: str, record: Mapping[str, Any]) -> ReportContent
         return simulation_report(place, scene, record)
     if file == "fit.json":
         return fit_report(place, restore_values(place, scene, record.get("options") or {}), record)
-    with open_run(place) as dataset:
+    with runs.open_run(place) as dataset:
         rows, cols = dataset["normalised"].shape[-2:]
         return process_report(dataset, restore(scene, place, (rows, cols), None), record)

@@ -82,19 +82,14 @@ def entry_of(text: str) -> Entry | None:
 
 def messages_data(texts: Iterable[str]) -> list[dict[str, Any]]:
     """Messages as JSON has them: code ("" of a text that has none), values, text."""
-    return [
-        {
-            "code": getattr(text, "code", ""),
-            "values": {name: _plain(v) for name, v in getattr(text, "values", {}).items()},
-            "text": str(text),
-        }
-        for text in texts
-    ]
-
-
-def _plain(value: Any) -> Any:
-    value = getattr(value, "item", lambda: value)()  # a number of numpy's
-    return value if isinstance(value, int | float | None) else str(value)
+    data = []
+    for text in texts:
+        values = {}
+        for name, value in getattr(text, "values", {}).items():
+            value = value.item() if hasattr(value, "item") else value  # a number of numpy's
+            values[name] = value if isinstance(value, int | float | None) else str(value)
+        data.append({"code": getattr(text, "code", ""), "values": values, "text": str(text)})
+    return data
 
 
 def warnings_json(texts: Iterable[str]) -> dict[str, Any]:

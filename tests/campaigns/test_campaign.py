@@ -10,6 +10,7 @@ import statistics
 import sys
 import time
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ import pytest
 import isochrome
 from campaigns.conftest import COLS, ROWS, film
 from commands import exit_code
-from isochrome.campaigns import Campaign, Outcome, process_campaign, summary_figure
+from isochrome.campaigns import Campaign, Outcome, process_campaign
 from isochrome.campaigns import api as run_module
 from isochrome.errors import InputError
 from isochrome.output import write_tiff
@@ -255,7 +256,8 @@ def test_bands_are_as_wide_as_the_pictures_title_says():
         "folder": "run1", "status": "ok",
         "load.normal_n mean": 41.3, "load.normal_n standard_deviation": 1.5,
     }  # fmt: skip
-    figure = summary_figure("scene", [Outcome(row, {}, curves=curves)])
+    scene = SimpleNamespace(name="scene")
+    figure = Campaign(None, scene, (Outcome(row, {}, curves=curves),)).figure()
     _, within = figure.axes
     (band,) = within.collections
     corners = band.get_paths()[0].vertices
@@ -295,7 +297,7 @@ def test_many_recordings_go_side_by_side(stacks, monkeypatch):
     given = []
 
     def one(task, *rest):
-        return Outcome({"recording": task.name, "status": "ok"}, {})
+        return Outcome({"recording": task.folder.name, "status": "ok"}, {})
 
     def several(tasks, scene, options, workers):
         given.append((sorted(tasks), workers))

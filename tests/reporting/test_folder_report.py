@@ -14,7 +14,7 @@ import isochrome
 from fitting.test_fit_track import LOAD, contact, film, save
 from isochrome.errors import InputError
 from isochrome.output import write_tiff
-from isochrome.runs import holds_results
+from isochrome.runs import faults_of
 from refusals import refusal
 
 LOAD_N = 60.0
@@ -95,9 +95,9 @@ def test_it_is_written_in_the_runs_own_folder_and_the_run_stays_complete(runs, t
     # it is a view, and the folder's record then knows the new one
     (folder / "report.html").write_text("mine")
     record = json.loads((folder / "provenance.json").read_text("utf-8"))
-    assert not holds_results(folder, record)
+    assert list(faults_of(folder, record)) == ["report.html"]
     isochrome.report(folder)
-    assert holds_results(folder, record)
+    assert faults_of(folder, record) == {}
 
 
 @pytest.mark.parametrize(

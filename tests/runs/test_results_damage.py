@@ -18,7 +18,6 @@ import isochrome.processing.api
 from isochrome.cli import app
 from isochrome.errors import InputError
 from isochrome.runs import checked_store, seal
-from isochrome.runs.integrity import read_record
 from runs.counting import contents
 from runs.damage import FAULTS, commands, damage, uses, write_input
 
@@ -134,7 +133,7 @@ def test_a_pipe_in_the_place_of_an_empty_file_is_not_opened(tmp_path):
     seal(tmp_path, {})
     file.unlink()
     os.mkfifo(file)
-    assert read_record(tmp_path).size_fault("empty") == "is no file"
+    assert isochrome.verify(tmp_path).damaged == {"empty": "is no file"}
 
 
 @pytest.fixture(autouse=True)

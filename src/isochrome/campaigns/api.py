@@ -45,11 +45,9 @@ _DEVICE = re.compile(r"(con|prn|aux|nul|com[0-9]|lpt[0-9])(\..*)?", re.IGNORECAS
 def folder_names(recordings: Sequence[FramesPath]) -> tuple[str, ...]:
     """A folder's name for each recording: its file's without the ending, or its folder's.
 
-    Names that are equal, but perhaps for capitals, get the name of the folder that they are in, and
-    where this does not help a number. Each is one plain name on every system.
+    Equal ones get their folder's before them, or a number behind. Each is plain on every system.
     """
-    firsts = (frames if isinstance(frames, str | Path) else frames[0] for frames in recordings)
-    places = [Path(os.path.abspath(first)) for first in firsts]
+    places = [Path(os.path.abspath(_first(frames))) for frames in recordings]
     plain = [_plain(place.name if place.is_dir() else place.stem) for place in places]
     count = Counter(map(_key, plain))
     taken = dict[str, str]()
@@ -60,6 +58,10 @@ def folder_names(recordings: Sequence[FramesPath]) -> tuple[str, ...]:
         free = next(new for new in names if _key(new) not in taken)
         taken[_key(free)] = free
     return tuple(taken.values())
+
+
+def _first(frames: FramesPath) -> str | Path:
+    return frames if isinstance(frames, str | Path) else frames[0]
 
 
 def _key(name: str) -> str:
@@ -87,20 +89,18 @@ _VALUES = ("frames", "failed_frames", "flagged_frames", "duration_s", "pixel_mm"
 
 @dataclass(frozen=True)
 class Task:
-    """A recording, the `folder` for its results, and that folder's `name` in the summary."""
+    """A recording, and the folder for its results."""
 
     frames: FramesPath
-    name: str
     folder: Path
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a recording.
+    """What became of a recording: its `row` of the summary, `inputs` (files' SHA-256), `exit_code`.
 
-    `row` of the summary; `inputs`, its files with their SHA-256; `exit_code`, as of `process`
-    alone; `already`, whether an earlier campaign had left it all; `curves`, for the figure:
-    `distance_m`, `frame`, fitted keys with their uncertainties, of as many frames as can be seen.
+    `already`, whether an earlier campaign had left it all; `curves`, of as many frames as can be
+    seen: `distance_m`, `frame`, fitted keys with their uncertainties.
     """
 
     row: dict[str, Any]
@@ -142,10 +142,10 @@ def failed(task: Task, error: IsochromeError) -> Outcome:
 
 def _row(task: Task, status: str) -> dict[str, Any]:
     """A row's first columns, and the last ones, all of which every recording has."""
-    frames = task.frames
-    text = str(frames) if isinstance(frames, str | Path) else f"{frames[0]} ..."
-    label = text.encode("utf-8", "replace").decode("utf-8")  # what every file can hold
-    names = {"recording": label, "folder": task.name, "status": status}
+    more = "" if isinstance(task.frames, str | Path) else " ..."
+    # what every file can hold
+    label = f"{_first(task.frames)}{more}".encode("utf-8", "replace").decode("utf-8")
+    names = {"recording": label, "folder": task.folder.name, "status": status}
     return names | dict.fromkeys(_VALUES) | {"warnings": "", "error": ""}
 
 
@@ -155,15 +155,14 @@ def _read(task: Task, processed: Processed) -> Outcome:
     count = len(table["frame"])
     flagged = sum(bool(text) for text in table["warnings"]) - processed.failed
     status = "flagged" if flagged or processed.failed else "ok"
-    row = _row(task, "failed" if processed.failed == count else status)
+    with processed.dataset as dataset:
+        times, inputs = dataset.time_s.values, json.loads(dataset.attrs["inputs_sha256"])
     chi = _known(table, "chi")
-    with runs.open_run(task.folder) as dataset:
-        times = dataset.time_s.values
-    row |= {
+    row = _row(task, "failed" if processed.failed == count else status) | {
         "frames": count,
         "failed_frames": processed.failed,
         "flagged_frames": flagged,
-        "duration_s": float(np.nanmax(times)) if np.isfinite(times).any() else None,
+        "duration_s": _of_known(np.max, times[np.isfinite(times)]),
         "pixel_mm": next((p for p in table["pixel_mm"] if p is not None), None),
         "chi_median": _of_known(np.median, chi),
         "chi_max": _of_known(np.max, chi),
@@ -178,13 +177,11 @@ def _read(task: Task, processed: Processed) -> Outcome:
         row[f"{key} median_{SPREAD}"] = _of_known(np.median, spread)
     if processed.failed:
         row["error"] = message("frames_could_not_processed", failed=processed.failed, count=count)
-    record = json.loads((task.folder / runs.PROVENANCE).read_text("utf-8"))
-    drawn = ("distance_m", "frame", *keys, *(f"{key} {SPREAD}" for key in keys))
-    curves = {
-        name: output.numbers(table[name])[:: -(-count // figures.MOST_POINTS)] for name in drawn
-    }
+    names = ("distance_m", "frame", *keys, *(f"{key} {SPREAD}" for key in keys))
+    step = -(-count // figures.MOST_POINTS)
+    curves = {name: output.numbers(table[name])[::step] for name in names}
     code = InputError.exit_code if processed.failed else 0
-    return Outcome(row, record["inputs_sha256"], code, processed.already, curves)
+    return Outcome(row, inputs, code, processed.already, curves)
 
 
 def _known(table: Mapping[str, Sequence[Any]], name: str) -> Array:
@@ -201,8 +198,7 @@ def run_side_by_side(
 ) -> Generator[tuple[int, Outcome]]:
     """Process recordings by their numbers in worker processes, each one after the other.
 
-    Where a worker is killed, those that were in work then are done again, each by a worker of its
-    own: what kills that too has failed, and the others go on.
+    Where a worker is killed, those that were in work are done again, each by a worker of its own.
     """
     waiting = dict(tasks)
     while waiting:
@@ -245,19 +241,6 @@ _NAMED = 30
 """Recordings whose names have room below an axis; more are counted."""
 
 
-def summary_figure(name: str, outcomes: Sequence[Outcome]) -> Figure | None:
-    """Values over recordings, and within each over distance or frames; None where none was
-    fitted."""
-    panels = _panels(outcomes, range(len(outcomes)))
-    failed = sum(item.row["status"] == "failed" for item in outcomes)
-    head = f"{figures.plain_name(name)}: {output.counted(len(outcomes), 'recording')}"
-    head += f", {failed} of them failed" if failed else ""
-    head += "\nmean, and scatter over the frames (standard deviation; cross: nothing was found)"
-    if len(outcomes) <= _BANDED:
-        head += f"; each frame, band ± {figures.BAND:g} standard uncertainties"
-    return figures.panels_figure(panels, head) if panels.plots else None
-
-
 def _panels(every: Sequence[Outcome], rows: Sequence[int]) -> figures.PaperPanels:
     """The plots of some recordings by their numbers; none where no value of DRAWN was fitted."""
     chosen = [every[k] for k in rows]
@@ -286,9 +269,10 @@ def _panels(every: Sequence[Outcome], rows: Sequence[int]) -> figures.PaperPanel
         _within(axes, key, chosen, colours, across)
         figures.style_axes(axes, x_label=label, z_label=figures.KEY_LABELS[key])
 
-    draws = (("mean", over), ("each frame", within))
     plots = [
-        figures.Plot(title=name, draw=partial(draw, key)) for key in keys for name, draw in draws
+        figures.Plot(title=name, draw=partial(draw, key))
+        for key in keys
+        for name, draw in (("mean", over), ("each frame", within))
     ]
     named = [
         f"{k + 1} {figures.plain_name(str(every[k].row['folder']), figures.SHORT_NAME)}"
@@ -334,34 +318,16 @@ def _within(
 _LAST = ("kept_share", "warnings", "error")
 
 
-def tabulate_campaign(rows: Sequence[dict[str, Any]]) -> dict[str, list[Any]]:
-    """The columns of summary.csv: what all recordings have, the keys of any, and what is said."""
-    columns = output.columns_of(rows)
-    return columns | {name: columns.pop(name, [None] * len(rows)) for name in _LAST}
-
-
-def summary_of(scene: Scene, outcomes: Sequence[Outcome]) -> dict[str, Any]:
-    """What summary.json holds: version, scene, and each recording's row with its files' hashes."""
-    text = dump_scene(scene)
-    return {
-        **runs.environment(),
-        "scene": text,
-        "scene_sha256": hashlib.sha256(text.encode()).hexdigest(),
-        "recordings": [item.row | {"inputs_sha256": item.inputs} for item in outcomes],
-    }
-
-
-def write_summary(out: Path, scene: Scene, outcomes: Sequence[Outcome], beside: Path) -> None:
+def write_summary(campaign: Campaign, beside: Path) -> None:
     """Leave summary.csv, .json and, where a key was fitted, .png, by way of a folder `beside`."""
-    folder = output.output_folder(out)
+    folder = output.output_folder(campaign.out)
     table, summary, picture = SUMMARIES
-    figure = summary_figure(scene.name, outcomes)
     try:
-        output.write_csv(beside / table, tabulate_campaign([item.row for item in outcomes]))
-        if figure is not None:
-            output.write_figure(beside / picture, figure)
+        output.write_csv(beside / table, campaign.columns)
+        if _panels(campaign.outcomes, range(len(campaign.outcomes))).plots:
+            output.write_figure(beside / picture, campaign.figure())
         written = [name for name in (table, picture) if (beside / name).exists()]
-        runs.seal(beside, summary_of(scene, outcomes), file=summary, names=written)
+        runs.seal(beside, campaign.to_json(), file=summary, names=written)
         for name in (summary, table, picture):  # first what says whose they are
             if (beside / name).exists():
                 os.replace(beside / name, folder / name)
@@ -397,8 +363,10 @@ class Campaign(output.Result):
 
     @property
     def columns(self) -> dict[str, list[Any]]:
-        """Those of summary.csv, a row a recording."""
-        return tabulate_campaign([item.row for item in self.outcomes])
+        """Those of summary.csv: what all recordings have, the keys of any, and what is said."""
+        columns = output.columns_of(item.row for item in self.outcomes)
+        none = [None] * len(self.outcomes)
+        return columns | {name: columns.pop(name, none) for name in _LAST}
 
     @property
     def failed(self) -> tuple[str, ...]:
@@ -411,8 +379,14 @@ class Campaign(output.Result):
         return min((item.exit_code for item in self.outcomes if item.exit_code), default=0)
 
     def to_json(self) -> dict[str, Any]:
-        """What summary.json holds."""
-        return summary_of(self.scene, self.outcomes)
+        """What summary.json holds: version, scene, and each row with its files' hashes."""
+        text = dump_scene(self.scene)
+        return {
+            **runs.environment(),
+            "scene": text,
+            "scene_sha256": hashlib.sha256(text.encode()).hexdigest(),
+            "recordings": [item.row | {"inputs_sha256": item.inputs} for item in self.outcomes],
+        }
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -439,11 +413,16 @@ class Campaign(output.Result):
                 yield name, output.over_items(columns[name], items="recordings")
 
     def figure(self) -> Figure:
-        """Load and friction of each recording. Raises InputError where neither was fitted."""
-        figure = summary_figure(self.scene.name, self.outcomes)
-        if figure is None:
-            raise InputError("neither_load_nor_friction", title=self.title)
-        return figure
+        """Values over recordings, and within each over distance or frames. Raises InputError where
+        neither load nor friction was fitted."""
+        count = output.counted(len(self.outcomes), "recording")
+        failed = sum(item.row["status"] == "failed" for item in self.outcomes)
+        head = f"{figures.plain_name(self.scene.name)}: {count}"
+        head += f", {failed} of them failed" if failed else ""
+        head += "\nmean, and scatter over the frames (standard deviation; cross: nothing was found)"
+        if len(self.outcomes) <= _BANDED:
+            head += f"; each frame, band ± {figures.BAND:g} standard uncertainties"
+        return figures.panels_figure(self.panels(), head)
 
     def panels(self, frames: tuple[int, ...] | None = None) -> figures.PaperPanels:
         """Give load and friction for a paper; see `paper_figure`.
@@ -520,10 +499,8 @@ def process_campaign(
     if isinstance(recordings, str | Path):
         recordings = recordings_of([recordings])
     target = Path(out)
-    tasks = [
-        Task(frames, name, target / name)
-        for frames, name in zip(recordings, folder_names(recordings), strict=True)
-    ]
+    names = folder_names(recordings)
+    tasks = [Task(frames, target / name) for frames, name in zip(recordings, names, strict=True)]
     root, made = runs.working_folder(target), not target.exists()
     with runs.locked(root):
         _check_place(target, root, tasks)
@@ -534,9 +511,10 @@ def process_campaign(
             if made:
                 with suppress(OSError):  # not empty: the results are there
                     target.rmdir()
-        write_summary(target, scene, outcomes, root)
+        campaign = Campaign(target, scene, tuple(outcomes))
+        write_summary(campaign, root)
         runs.wipe(root)
-    return Campaign(target, scene, tuple(outcomes))
+    return campaign
 
 
 def _check_place(target: Path, root: Path, tasks: Sequence[Task]) -> None:
@@ -552,7 +530,7 @@ def _check_place(target: Path, root: Path, tasks: Sequence[Task]) -> None:
     if present and rows is None and not runs.has_own_keys(path):
         raise InputError("would_replaced_campaign_summary", there=present[0])
     for task in tasks:
-        first = task.frames if isinstance(task.frames, str | Path) else task.frames[0]
+        first = _first(task.frames)
         if task.folder.exists() and task.folder.resolve() == Path(first).resolve():
             raise InputError("results_would_put_among", first=first)
 

@@ -1,9 +1,6 @@
-"""Results on disk: whole, or not at all.
-
-Every file is written beside its place under a hidden name and renamed when it is complete, so
-that a crash or a full disk leaves no half-written result. Heavy libraries are imported inside
-the functions that need them.
-"""
+"""Results on disk, whole or not at all: every file is written beside its place under a hidden name
+and renamed when it is complete. Heavy libraries are imported inside the functions that need
+them."""
 
 import lazy_loader
 

@@ -166,10 +166,8 @@ _DECIMAL_COMMA = re.compile(r"\s*[+-]?\d*,\d+([eE][+-]?\d+)?\s*")
 
 @dataclass(frozen=True)
 class GivenTable:
-    """The cells of a table that somebody gives; columns become numbers when they are asked for.
-
-    `names`, from its header, empty where the first line is numbers; `lines`, the rows', from 1.
-    """
+    """The cells of a table that somebody gives: `names`, empty where the first line is numbers;
+    `lines`, the rows', from 1."""
 
     path: Path
     names: tuple[str, ...]
@@ -198,10 +196,7 @@ class GivenTable:
 
 
 def read_given_text(path: Path, what: str, *, fallback: str | None = None) -> str:
-    """The text of a file that somebody gives, in UTF-8 with a byte-order mark or without one.
-
-    `what` is it to be, such as 'the friction'; `fallback`, the encoding of what is no UTF-8.
-    """
+    """The text of a file that somebody gives, `what` it is to be, in UTF-8 or the `fallback`."""
     try:
         check_given_table(path, what)
         given = path.read_bytes()
@@ -231,9 +226,7 @@ def numbered_lines(text: str) -> list[tuple[int, str]]:
 def read_given_table(path: Path, what: str) -> GivenTable:
     """Read a table of numbers: UTF-8 text with one header line of names, then a line a row.
 
-    Columns are parted by semicolons, tabs, commas or spaces; numbers have decimal points, or
-    decimal commas where commas part no columns. Empty lines and those that begin with # are passed
-    over.
+    Columns are parted by semicolons, tabs, commas or spaces; commas that part none are decimal.
     """
     lines = numbered_lines(read_given_text(path, what))
     if not lines:
@@ -249,9 +242,10 @@ def read_given_table(path: Path, what: str) -> GivenTable:
     except csv.Error as error:
         raise InputError("no_table_check_file", path=path, what=what, error=error) from error
     header = [cell.strip() for cell in cells[0]]
-    has_names = not all(_is_number(cell) for cell in header)
-    names = tuple(header) if has_names else ()
-    rows, places = cells[has_names:], [number for number, _ in lines[has_names:]]
+    # a first line of numbers names nothing
+    numbers_only = all(math.isfinite(_number(cell, commas=True)) for cell in header)
+    names = () if numbers_only else tuple(header)
+    rows, places = cells[1:], [number for number, _ in lines[1:]]
     _check_lengths("line_has_cells_first", path, header, zip(places, rows, strict=True))
     if double := sorted({name for name in names if names.count(name) > 1}):
         raise InputError("column_stands_there_twice", path=path, double=double[0])
@@ -277,15 +271,6 @@ def _number(cell: str, *, commas: bool) -> float:
         return math.nan if "_" in cell else float(cell.replace(",", ".") if commas else cell)
     except ValueError:
         return math.nan
-
-
-def _is_number(cell: str) -> bool:
-    """Also NaN: a first line that has one is a line of numbers."""
-    try:
-        float(cell.replace(",", "."))
-    except ValueError:
-        return False
-    return True
 
 
 DIGITS = 9
@@ -319,11 +304,8 @@ def write_csv(path: str | Path, columns: Mapping[str, Sequence[Any]]) -> None:
 
 
 def columns_of(rows: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
-    """Rows as the columns of a table, in the order of their names; None where a row has none.
-
-    An hour of video has a hundred thousand rows: columns of numbers are Floats, and a text that is
-    the one before it takes no room of its own.
-    """
+    """Rows as the columns of a table; None where a row has none. Of an hour of video there are a
+    hundred thousand: numbers are Floats, and a text that is the one before takes no room."""
     table: dict[str, Any] = {}
     for number, row in enumerate(rows):
         for name, value in row.items():
@@ -347,30 +329,30 @@ def csv_text(columns: Mapping[str, Any], *, header: bool = True) -> str:
 
 
 def write_excel_copies(folder: str | Path) -> list[Path]:
-    """Write each table of a folder, and of folders in it, as a German or French Excel opens it.
-
-    NAME_excel.csv: semicolons, decimal commas, and a byte-order mark, by which Excel knows UTF-8.
-    """
+    """Write each table below a folder as NAME_excel.csv, which a German or French Excel opens:
+    semicolons, decimal commas, and a byte-order mark."""
     made = []
     for path in sorted(Path(folder).rglob("*.csv")):
         if path.stem.endswith(_EXCEL) or any(part.endswith(".zarr") for part in path.parts):
             continue
         made.append(path.with_name(f"{path.stem}{_EXCEL}.csv"))
-        _copy_for_excel(path, made[-1])
+        # a number gets a decimal comma, all else stays
+        rows = (
+            [c.replace(".", ",") if _NUMBER.fullmatch(c) else c for c in row]
+            for row in _csv_rows(path)
+        )
+        with (
+            replacing(made[-1]) as beside,
+            open(beside, "w", newline="", encoding="utf-8-sig") as file,
+        ):
+            csv.writer(file, delimiter=";", lineterminator="\r\n").writerows(rows)
     return made
 
 
-def _copy_for_excel(path: Path, copy: Path) -> None:
+def _csv_rows(path: str | Path) -> Iterator[list[str]]:
     try:
-        with (
-            open(path, newline="", encoding="utf-8-sig") as given,
-            replacing(copy) as beside,
-            open(beside, "w", newline="", encoding="utf-8-sig") as file,
-        ):
-            writer = csv.writer(file, delimiter=";", lineterminator="\r\n")
-            for row in csv.reader(given):
-                # a number gets a decimal comma, all else stays
-                writer.writerow([c.replace(".", ",") if _NUMBER.fullmatch(c) else c for c in row])
+        with open(path, newline="", encoding="utf-8-sig") as file:
+            yield from csv.reader(file)
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError("not_readable_csv_table", path=path, error=error) from error
 
@@ -396,11 +378,7 @@ def _cells(values: Any) -> list[str]:
 
 def read_csv(path: str | Path) -> dict[str, list[Any]]:
     """Read a table: numbers where all cells of a column are, an empty one NaN; else text."""
-    try:
-        with open(path, newline="", encoding="utf-8-sig") as file:
-            rows = [row for row in csv.reader(file) if row]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError("not_readable_csv_table", path=path, error=error) from error
+    rows = [row for row in _csv_rows(path) if row]
     if not rows:
         raise InputError("empty_table_give_one", path=path)
     header, *body = rows

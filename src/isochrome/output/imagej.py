@@ -1,7 +1,6 @@
 """What ImageJ reads and writes: TIFF stacks with their scale, regions of interest.
 
-ImageJ's habits stay here: (x, y), areas counted from the corners of pixels, lines and points from
-their centres. The library that knows the format of its regions is an extra of its own.
+ImageJ's habits stay here: (x, y), areas from the corners of pixels, lines from their centres.
 """
 
 from __future__ import annotations
@@ -12,7 +11,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -20,9 +19,6 @@ from numpy.typing import NDArray
 
 from isochrome.errors import InputError, reason_of
 from isochrome.output.files import replacing
-
-if TYPE_CHECKING:
-    pass
 
 DTYPES = ("uint8", "uint16", "float32")
 IMAGEJ_LIMIT = 4_000_000_000
@@ -81,14 +77,39 @@ def write_frames(
     photometric: Photometric = "minisblack",
     metadata: Mapping[str, Any] | None = None,
 ) -> None:
-    """Write a stack as `write_tiff` does, from frames that come one at a time; `shape`, of all."""
+    """Write a stack as `write_tiff` does, from frames that come one at a time; `shape`, of all.
+
+    Beyond 4 GB, and in colour of more than 8 bits, a TIFF whose scale is in pixels per centimetre.
+    """
     import tifffile
 
     order = dtype.newbyteorder("<")  # tifffile takes an iterator's frames as they are
     swapped = (frame.astype(order, copy=False) for frame in frames)
-    kind, keys = _stack_layout(shape, order, pixel_mm, photometric, metadata)
-    with replacing(path) as beside, tifffile.TiffWriter(beside, **kind) as tif:
-        if kind["imagej"]:
+    size = int(np.prod(shape, dtype=np.int64)) * dtype.itemsize
+    imagej = size < IMAGEJ_LIMIT
+    imagej &= min(shape[1:3]) > 1  # tifffile turns single columns over
+    imagej &= photometric != "rgb" or dtype == np.uint8
+    keys: dict[str, Any] = {"photometric": photometric, "metadata": None}
+    if imagej:
+        view = dict(metadata or {})
+        if photometric == "rgb":  # its colours are its own
+            view = {key: view[key] for key in _OF_COLOURS if key in view}
+        unit = {} if pixel_mm is None else {"unit": "mm"}
+        keys["metadata"] = {"axes": "TYXS"[: len(shape)], **view, **unit}
+        if "LUTs" in view and dtype.itemsize > 1:
+            # ImageJ takes its own LUTs for composites alone, and one channel's from the first page
+            colours = (257 * view["LUTs"][0].astype(np.uint16)).ravel().tolist()
+            keys["extratags"] = [(_COLOUR_MAP, _SHORT, len(colours), tuple(colours), True)]
+    if pixel_mm is not None:
+        per_unit = 1 / pixel_mm if imagej else 10 / pixel_mm
+        keys |= {"resolution": (per_unit, per_unit)}
+        keys |= {} if imagej else {"resolutionunit": "CENTIMETER"}
+    large = size >= IMAGEJ_LIMIT
+    with (
+        replacing(path) as beside,
+        tifffile.TiffWriter(beside, imagej=imagej, bigtiff=large, byteorder="<") as tif,
+    ):
+        if imagej:
             tif.write(swapped, shape=shape, dtype=order, **keys)
         else:
             for frame in swapped:
@@ -107,10 +128,8 @@ def imagej_view(
 ) -> dict[str, Any]:
     """What ImageJ is to know of a stack besides its scale, by its own names for it.
 
-    Its origin is the scene's, counted at a pixel's upper left corner. An order's colours go from
-    nought, a stress's to the same value on either side; others have their own `span`. `labels`
-    stand above the slices, `left_mm` and `top_mm` are outer edges, `times_s` are told where they
-    are even.
+    An order's colours go from nought, a stress's to the same value on either side; others have
+    their own `span`. `labels` stand above the slices, `left_mm` and `top_mm` are outer edges.
     """
     from matplotlib import colormaps
 
@@ -139,39 +158,6 @@ def imagej_view(
     return view
 
 
-def _stack_layout(
-    shape: tuple[int, ...],
-    dtype: np.dtype,
-    pixel_mm: float | None,
-    photometric: Photometric,
-    metadata: Mapping[str, Any] | None,
-) -> tuple[dict[str, Any], dict[str, Any]]:
-    """The arguments of tifffile's TiffWriter and of its `write`: up to 4 GB in ImageJ's layout.
-
-    Beyond, and in colour of more than 8 bits, a BigTIFF or TIFF whose scale is in pixels per
-    centimetre.
-    """
-    size = int(np.prod(shape, dtype=np.int64)) * dtype.itemsize
-    imagej = size < IMAGEJ_LIMIT and min(shape[1:3]) > 1  # tifffile turns single columns over
-    imagej &= photometric != "rgb" or dtype == np.uint8
-    keys: dict[str, Any] = {"photometric": photometric, "metadata": None}
-    if imagej:
-        unit = {} if pixel_mm is None else {"unit": "mm"}
-        view = dict(metadata or {})
-        if photometric == "rgb":  # its colours are its own
-            view = {key: view[key] for key in _OF_COLOURS if key in view}
-        keys["metadata"] = {"axes": "TYXS"[: len(shape)], **view, **unit}
-        if "LUTs" in view and dtype.itemsize > 1:
-            # ImageJ takes its own LUTs for composites alone, and one channel's from the first page
-            colours = (257 * view["LUTs"][0].astype(np.uint16)).ravel().tolist()
-            keys["extratags"] = [(_COLOUR_MAP, _SHORT, len(colours), tuple(colours), True)]
-    if pixel_mm is not None:
-        per_unit = 1 / pixel_mm if imagej else 10 / pixel_mm
-        keys |= {"resolution": (per_unit, per_unit)}
-        keys |= {} if imagej else {"resolutionunit": "CENTIMETER"}
-    return {"imagej": imagej, "bigtiff": size >= IMAGEJ_LIMIT, "byteorder": "<"}, keys
-
-
 _MICRONS = ("um", "µm", "μm", "\\u00b5m", "micron", "microns")
 MM_PER_UNIT = {
     "mm": 1.0, "cm": 10.0, "m": 1e3, **dict.fromkeys(_MICRONS, 1e-3), "nm": 1e-6, "in": 25.4,
@@ -195,8 +181,7 @@ AREAS = ("POLYGON", "RECT", "OVAL", "FREEHAND", "TRACED")
 def roi_entries(lines: Iterable[Any], frame: int) -> list[tuple[str, bytes]]:
     """ImageJ polylines of a frame's fringe lines, the files in a .zip for its ROI manager.
 
-    Named by their order, 'frame 3: N = 1.5 bright', with '#2' on for the next; without one by their
-    number, 'frame 3: line 7 dark'. They stand on the slice that the frame's number, from 0, is.
+    Named 'frame 3: N = 1.5 bright', '#2' on for the next, or 'frame 3: line 7 dark'.
     """
     roifile = load_roifile()
     entries, counts = [], Counter[str]()
@@ -295,10 +280,8 @@ def _inside(roi: Any, shape: tuple[int, int]) -> Mask:
 
 
 def _filled(outline: NDArray[np.float64], shape: tuple[int, int]) -> Mask:
-    """Pixels whose centres lie in a closed polygon of (x, y), by the even-odd rule.
-
-    Source: Foley, van Dam, Feiner and Hughes (1990), Computer Graphics, section 3.6.
-    """
+    """Pixels whose centres lie in a closed polygon of (x, y), by the even-odd rule. Source: Foley,
+    van Dam, Feiner and Hughes (1990), Computer Graphics, section 3.6."""
     ends = np.roll(outline, -1, axis=0)
     low, high = (f(outline[:, 1], ends[:, 1]) for f in (np.minimum, np.maximum))
     order = np.argsort(low, kind="stable")

@@ -1,8 +1,5 @@
-"""What every command gives back: a table, JSON, warnings, a figure, and a report of a few lines.
-
-And its words: frames as sentences name them, values with their uncertainties, a result as a
-sentence, the same on the terminal and in a report.
-"""
+"""What every command gives back: a table, JSON, warnings, a figure, and a report of a few lines;
+and its words: frames as sentences name them, values with their uncertainties."""
 
 from __future__ import annotations
 
@@ -133,14 +130,14 @@ class Result:
             f"<tr><td>{html.escape(name)}</td><td>{html.escape(value)}</td></tr>"
             for name, value in self._report()
         )
-        messages = "".join(f"<li>{html.escape(text)}</li>" for text in self.warnings)
-        more = f"<p>{count} rows, see .table</p>" if count > _HEAD else ""
-        return (
-            f"<div><p><b>{html.escape(self.title)}</b></p><table>{rows}</table>"
-            f"{f'<p>{html.escape(self.uncertainty_basis)}</p>' if self.uncertainty_basis else ''}"
-            f"{head.to_html(index=False, max_cols=12, border=0)}{more}"
-            f"{f'<ul>{messages}</ul>' if messages else ''}</div>"
-        )
+        basis = [self.uncertainty_basis] if self.uncertainty_basis else []
+        more = [f"{count} rows, see .table"] if count > _HEAD else []
+        return "".join((
+            "<div>", f"<p><b>{html.escape(self.title)}</b></p><table>{rows}</table>",
+            *(f"<p>{html.escape(text)}</p>" for text in basis),
+            head.to_html(index=False, max_cols=12, border=0),
+            *(f"<p>{html.escape(text)}</p>" for text in (*more, *self.warnings)), "</div>",
+        ))  # fmt: skip
 
 
 def _in_a_line(text: str) -> str:
@@ -232,20 +229,17 @@ def over_items(
 ) -> str:
     """A column as a report shows it: mean and span (`digits`), and the median standard
     uncertainty."""
-    known, each = (column[np.isfinite(column)] for column in map(numbers, (values, spreads)))
-    if not known.size:
+    values = list(values)
+    _, mean, *ends, spread = row_of("", values, spreads)
+    if mean is None:
         return "not known"
-    mean = float(known.mean())
-    spread = float(np.median(each)) if each.size else 0.0
-    text = with_uncertainty(mean, spread) if each.size else f"{mean:.{digits}g}"
-    if known.size == 1:
+    text = f"{mean:.{digits}g}" if spread is None else with_uncertainty(mean, spread)
+    count = int(np.isfinite(numbers(values)).sum())
+    if count == 1:
         return text
-    ends = (
-        to_last_digit(end, spread) if spread else f"{end:.{digits}g}"
-        for end in (float(known.min()), float(known.max()))
-    )
-    many = f"mean of {known.size} {items}, {' to '.join(ends)}"
-    return f"{text}{' each' if each.size else ''} ({many})"
+    span = (to_last_digit(end, spread) if spread else f"{end:.{digits}g}" for end in ends)
+    each = "" if spread is None else " each"
+    return f"{text}{each} (mean of {count} {items}, {' to '.join(span)})"
 
 
 def write_figure(path: str | Path, figure: Figure, *, dpi: float = FIGURE_DPI) -> None:
@@ -313,8 +307,7 @@ _NUMBER = re.compile(
 def messages_of_frames(messages: Iterable[tuple[int, str]], *, single: bool = False) -> list[str]:
     """Say what is to be said of frames, each cause once, with the frames that it is of.
 
-    Sentences that differ in their numbers alone have one cause, and their numbers become spans;
-    where a frame says one several times, all stay apart. A `single` frame needs no number.
+    Sentences that differ in their numbers alone have one cause, and their numbers become spans.
     """
     if single:
         return list(dict.fromkeys(text for _, text in messages))
@@ -325,18 +318,17 @@ def messages_of_frames(messages: Iterable[tuple[int, str]], *, single: bool = Fa
         causes.setdefault(cause, []).append((number, text))
     lines = []
     for entries in causes.values():
-        frames: dict[str, list[int]] = {}
+        texts = list(dict.fromkeys(text for _, text in entries))
         apart = len({number for number, _ in entries}) < len(entries)
-        together = "" if apart else _spanned([text for _, text in entries])
-        for number, text in entries:
-            frames.setdefault(together or text, []).append(number)
-        lines += [f"{counted_frames(numbers)}: " + text for text, numbers in frames.items()]
+        for text in texts if apart else [_spanned(texts)]:
+            frames = [number for number, words in entries if words == text or not apart]
+            total = f" ({len(frames)} in all)" if len(frames) > 1 else ""
+            lines.append(f"{named_frames(frames)}{total}: " + text)
     return lines
 
 
 def _spanned(texts: list[str]) -> str:
     """Sentences of one cause as one, with spans for the numbers in which they differ."""
-    texts = list(dict.fromkeys(texts))
     numbers = [_NUMBER.findall(text) for text in texts]
     spans = []
     for column in zip(*numbers, strict=True):
@@ -350,12 +342,6 @@ def _spanned(texts: list[str]) -> str:
 
 def _value(number: str) -> float:
     return float(number.partition(" ± ")[0])
-
-
-def counted_frames(frames: Sequence[int]) -> str:
-    """Name frames, and of several say how many they are: 'frames 0-4, 7 (6 in all)'."""
-    count = len(frames)
-    return named_frames(frames) + (f" ({count} in all)" if count > 1 else "")
 
 
 def named_frames(frames: Sequence[int]) -> str:
@@ -403,15 +389,9 @@ class FrameValues:
 
         Column name to values, None where none is known.
         """
-        columns = [c[np.isfinite(c)] for c in self.values.T]
-        known = [u[np.isfinite(u)] for u in self.standard_uncertainty.T]
-        return {
-            "key": list(self.keys),
-            "mean": [float(c.mean()) if c.size else None for c in columns],
-            "least": [float(c.min()) if c.size else None for c in columns],
-            "most": [float(c.max()) if c.size else None for c in columns],
-            "standard_uncertainty": [float(np.median(u)) if u.size else None for u in known],
-        }
+        columns = zip(self.keys, self.values.T, self.standard_uncertainty.T, strict=True)
+        rows = [row_of(*column) for column in columns]
+        return {name: [row[k] for row in rows] for k, name in enumerate(_SUMMARY)}
 
 
 @dataclass(frozen=True, repr=False, kw_only=True)
@@ -439,7 +419,7 @@ class FittedResult(Result):
 
     @property
     def rows(self) -> list[Sequence[Any]]:
-        """Of each fitted key what a sentence says of it, see `sentence_of`."""
+        """Of each fitted key what a sentence says of it, see `spoken`."""
         return list(zip(*self.summary().values(), strict=True))
 
     @property
@@ -469,15 +449,33 @@ class FittedResult(Result):
 
     @property
     def uncertainty_basis(self) -> str:
-        """What the ± are of, and what was taken as exact."""
-        count = len(self.over_frames.chi)
-        return basis_of_uncertainty(self.taken_as_exact, frames=count, besides=self.besides)
+        """What the ± are of, and what was taken as exact; empty where nothing was."""
+        exact, count = self.taken_as_exact, len(self.over_frames.chi)
+        if not exact:
+            return ""
+        pictures = "the picture" if count == 1 else "the pictures"
+        source = " and ".join((pictures, *self.besides)) if self.besides else f"{pictures} alone"
+        verb = "was" if len(exact) == 1 else "were"
+        return f"± from {source}: {_listed(exact)} {verb} taken as exact"
 
     @property
     def summary_text(self) -> str:
-        """What was found as a sentence, the same on the terminal and in a report."""
-        count, basis = len(self.over_frames.chi), self.uncertainty_basis
-        return sentence_of(self.rows, count, self.causes, refined=self.refined, basis=basis)
+        """What was found as a sentence, the same on the terminal and in a report.
+
+        Such as 'load 62.00 ± 0.28 N; causes found: none'; of several frames the mean, the least and
+        the most, and the ± of one of them.
+        """
+        rows, count = self.rows, len(self.over_frames.chi)
+        text = ", ".join(spoken(*row) for row in rows)
+        clauses = [f"mean of {count} frames, ± of each: {text}" if count > 1 and text else text]
+        known = any(mean is not None and mean == mean for _, mean, *_ in rows)
+        if known and self.uncertainty_basis:
+            clauses.append(self.uncertainty_basis)
+        if self.refined:
+            clauses.append(f"refined: {_listed(self.refined)}")
+        if self.causes is not None:
+            clauses.append(f"causes found: {', '.join(self.causes) or 'none'}")
+        return "; ".join([clauses[0] or "nothing fitted", *clauses[1:]])
 
 
 WORDS = {
@@ -491,32 +489,17 @@ WORDS = {
 """What a sentence calls a value, and its unit; others go by their keys, which hold theirs."""
 
 
-Row = tuple[str, float, float, float, float]
-"""Key, mean, least, most and standard uncertainty of a value."""
+Row = tuple[str, Any, Any, Any, Any]
+"""Key, mean, least, most and median standard uncertainty of a value, None where none is known."""
+
+_SUMMARY = ("key", "mean", "least", "most", "standard_uncertainty")
 
 
-def sentence_of(
-    rows: Iterable[Sequence[Any]],
-    frames: int,
-    causes: Sequence[str] | None,
-    *,
-    refined: Sequence[str] = (),
-    basis: str = "",
-) -> str:
-    """A result as a sentence: load 62.00 ± 0.28 N, friction 0.180 ± 0.001; causes found: none.
-
-    Of several frames the mean, the least and the most, and the ± of one of them. `causes`: None
-    where nobody asked; `refined`, see `refined_texts`; `basis`, see `basis_of_uncertainty`.
-    """
-    rows = list(rows)
-    parts = [spoken(*row) for row in rows]
-    head = f"mean of {frames} frames, ± of each: " if frames > 1 and parts else ""
-    clauses = [f"{head}{', '.join(parts) or 'nothing fitted'}"]
-    known = any(mean is not None and mean == mean for _, mean, *_ in rows)
-    clauses += [basis] if basis and known else []
-    clauses += [f"refined: {_listed(refined)}"] if refined else []
-    clauses += [] if causes is None else [f"causes found: {', '.join(causes) or 'none'}"]
-    return "; ".join(clauses)
+def row_of(key: str, values: Iterable[float | None], spreads: Iterable[float | None]) -> Row:
+    """What a value comes to over frames."""
+    known, each = (column[np.isfinite(column)] for column in map(numbers, (values, spreads)))
+    mean, least, most = (float(f(known)) if known.size else None for f in (np.mean, np.min, np.max))
+    return key, mean, least, most, float(np.median(each)) if each.size else None
 
 
 def spoken(key: str, mean: Any, least: Any, most: Any, spread: Any) -> str:
@@ -528,21 +511,6 @@ def spoken(key: str, mean: Any, least: Any, most: Any, spread: Any) -> str:
     ends = dict.fromkeys(to_last_digit(end, spread) for end in (least, most))
     span = f" ({' to '.join(ends)})" if len(ends) > 1 else ""
     return f"{word} {text}{unit}{span}"
-
-
-def basis_of_uncertainty(
-    exact: Sequence[str], *, frames: int = 1, besides: Sequence[str] = ()
-) -> str:
-    """What a ± is of, and which inputs were taken as `exact`; empty where none was.
-
-    `besides`, what else than the pictures the ± is of.
-    """
-    if not exact:
-        return ""
-    pictures = "the picture" if frames == 1 else "the pictures"
-    source = " and ".join((pictures, *besides)) if besides else f"{pictures} alone"
-    verb = "was" if len(exact) == 1 else "were"
-    return f"± from {source}: {_listed(exact)} {verb} taken as exact"
 
 
 def refined_texts(
@@ -559,16 +527,13 @@ def refined_texts(
 
 
 def rows_by_key(table: Mapping[str, Sequence[Any]]) -> dict[str, Row]:
-    """Columns of fit.csv as the rows of `sentence_of`: over the frames where each has its own."""
-    by_key: dict[str, list[tuple[float, float]]] = {}
+    """Columns of fit.csv as rows: over the frames where each has its own."""
+    by_key: dict[str, tuple[list[Any], list[Any]]] = {}
     columns = (table[n] for n in ("key", "value", "standard_uncertainty"))
-    for key, value, spread in zip(*columns, strict=True):
-        by_key.setdefault(key, []).append((value, spread))
-    return {
-        key: (key, fmean(values), min(values), max(values), median(spreads))
-        for key, pairs in by_key.items()
-        for values, spreads in [tuple(zip(*pairs, strict=True))]
-    }
+    for key, *pair in zip(*columns, strict=True):
+        for items, item in zip(by_key.setdefault(key, ([], [])), pair, strict=True):
+            items.append(item)
+    return {key: row_of(key, *columns) for key, columns in by_key.items()}
 
 
 def sentence_of_orders(table: Mapping[str, Sequence[Any]]) -> str:

@@ -530,7 +530,7 @@ def _processed(
         # by what the files hold: no frame is decoded for it
         and (place / runs.PROVENANCE).is_file()
         and not runs.working_folder(place).exists()  # which one at work has
-        and runs.holds_results(place.resolve(), identify())
+        and runs.faults_of(place.resolve(), identify()) == {}
     ):
         return restore(task.scene, Path(out), task.reader.shape, open_set(task).capture.residual)
     count, source = count_of(task), open_set(task)

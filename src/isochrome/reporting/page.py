@@ -6,31 +6,19 @@ import base64
 import hashlib
 import io
 import zlib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
+from itertools import chain
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from isochrome import figures
 from isochrome.errors import InputError
-from isochrome.figures import (
-    DIFFERENCE_MAP,
-    FINE_PT,
-    FRAME_MAP,
-    PALE,
-    PAPER_DIRECTION_MAP,
-    VALUE_MAP,
-    Place,
-    Plot,
-    curve_columns,
-    new_figure,
-    show_image,
-    values_plots,
-)
 from isochrome.messages import entry_of
 from isochrome.output import FittedResult, to_last_digit, with_uncertainty, write_text
 from isochrome.scene import Camera, Frames, Polariscope, Scene, dump_scene
@@ -45,11 +33,9 @@ MOST_FRAMES = 8
 
 
 def choose_frames(chi: ArrayLike, order: ArrayLike) -> dict[int, str]:
-    """The frames that a report shows, and why, by chi and largest order, which may be NaN.
-
-    All, or the first and the last, the one that its model describes worst, the one with the largest
-    order, and between them evenly spaced ones.
-    """
+    """The frames that a report shows, and why, by chi and largest order, which may be NaN: the
+    first and last, the worst described, the one of largest order, and evenly spaced ones
+    between."""
     worst, largest = np.asarray(chi, float), np.asarray(order, float)
     count = len(worst)
     if count <= MOST_FRAMES:
@@ -101,14 +87,18 @@ class Pane:
     @property
     def colours(self) -> str:
         """Its colour map."""
-        maps = {"difference": DIFFERENCE_MAP, "order": VALUE_MAP, "isoclinic": PAPER_DIRECTION_MAP}
-        return maps.get(self.key, FRAME_MAP)
+        maps = {
+            "difference": figures.DIFFERENCE_MAP,
+            "order": figures.VALUE_MAP,
+            "isoclinic": figures.PAPER_DIRECTION_MAP,
+        }
+        return maps.get(self.key, figures.FRAME_MAP)
 
-    def draw(self, axes: Axes, place: Place, title: str = "") -> AxesImage:
+    def draw(self, axes: Axes, place: figures.Place, title: str = "") -> AxesImage:
         """Draw it at its place."""
         low, high = self.span
         look: dict[str, Any] = {"cmap": self.colours, "title": title}
-        return show_image(axes, self.values, vmin=low, vmax=high, **look, **place)
+        return figures.show_image(axes, self.values, vmin=low, vmax=high, **look, **place)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -132,10 +122,8 @@ _AS_IT_IS = ("number", "label", "why", "notes", "pixel_mm", "left_mm", "top_mm")
 
 
 def encode_frames(frames: Sequence[ReportFrame], *, room: int = ROOM_BYTES) -> list[dict[str, Any]]:
-    """For each frame its pictures and orders as the page takes them, in `room` bytes.
-
-    Of each n-th pixel of each n-th row where all would take too much.
-    """
+    """Of each frame its pictures and orders as the page takes them, in `room` bytes: of each n-th
+    pixel of each n-th row where all would take too much."""
     result: list[dict[str, Any]] = []
     for done, frame in enumerate(frames):
         share = (room - sum(map(_size, result))) // (len(frames) - done)
@@ -145,14 +133,11 @@ def encode_frames(frames: Sequence[ReportFrame], *, room: int = ROOM_BYTES) -> l
         maps = (order for order in (frame.order, frame.model_order) if order is not None)
         known = (order[np.isfinite(order)] for order in maps)
         holds = all(np.ptp(one) < FINE_STEP * (_LARGEST - 1) for one in known if one.size)
-        step = FINE_STEP if holds else STEP
-        encoded = _encoded(frame, stride, step)
-        while _size(encoded) > share and (step == FINE_STEP or min(shape) > stride):
-            if step == FINE_STEP:
-                step = STEP
-            else:
-                stride = max(stride + 1, int(stride * np.sqrt(_size(encoded) / share)))
-            encoded = _encoded(frame, stride, step)
+        coarser = ((n, STEP) for n in range(stride, 1 + max(stride, min(shape))))
+        for tried in chain([(stride, FINE_STEP)] if holds else (), coarser):
+            encoded = _encoded(frame, *tried)
+            if _size(encoded) <= share:
+                break
         result.append(encoded)
     return result
 
@@ -185,11 +170,9 @@ def _encoded(frame: ReportFrame, stride: int, step: float) -> dict[str, Any]:
 
 
 def order_map(order: Array, step: float = STEP) -> dict[str, Any]:
-    """Fringe orders (row, col), NaN = not known, as text, each within half a step of its own.
-
-    `data`: base64 of zlib: N/step - first + 1 as 16-bit whole numbers, 0 = not known; each less the
-    one to its left (modulo 2^16), first all low bytes and then all high ones, row by row.
-    """
+    """Fringe orders (row, col) as text, each within half a step: base64 of zlib of N/step - first +
+    1 in 16 bits, 0 = not known, each less the one to its left, first all low bytes and then all
+    high ones."""
     known = np.isfinite(order)
     steps = np.rint(np.where(known, order, 0.0).astype(float) / step).astype(np.int64)
     first = int(steps[known].min()) if known.any() else 0
@@ -257,7 +240,7 @@ class ReportContent:
     verdict: str  # what was found, in a sentence
     frames: Sequence[ReportFrame] = ()
     choice: str = ""  # which frames of how many, and why
-    curves: Sequence[Plot] = ()  # of values over distance or frames
+    curves: Sequence[figures.Plot] = ()  # of values over distance or frames
     budget: ReportTable | None = None  # shares of the uncertainty; None: the run has none
     no_budget: str = ""  # why there is none, and what to do
     tables: Sequence[ReportTable] = ()
@@ -280,7 +263,7 @@ def fitted_report(
     """The report of fitted frames; `record`, provenance.json; `verdict`, `goodness`: sentences."""
     return ReportContent(
         title=result.title, verdict=f"{verdict[:1].upper()}{verdict[1:]}. {goodness}",
-        curves=values_plots(result.over_frames), taken_as_exact=result.taken_as_exact,
+        curves=figures.values_plots(result.over_frames), taken_as_exact=result.taken_as_exact,
         warnings=result.warnings, scene=dump_scene(result.scene),
         paper=paper_rows(result.scene, record), **parts,
     )  # fmt: skip
@@ -351,7 +334,14 @@ def paper_rows(scene: Scene | None, record: Mapping[str, Any]) -> list[tuple[str
     """Names and values, with units, of what a paper states of a run; `record`, provenance.json."""
     result = list[tuple[str, str]]()
     if scene is not None:
-        result += [*camera_rows(scene.camera, scene.polariscope, scene.frames), *_numbers(scene)]
+        result += camera_rows(scene.camera, scene.polariscope, scene.frames)
+        stated = dict(scene.stated_uncertainty)
+        for name, key, unit in _MEASURED:
+            table, _, field = key.partition(".")
+            if (value := getattr(getattr(scene, table), field, None)) is not None:
+                result.append((name, stated_text(value, stated.get(key), unit)))
+            if value is not None and field == "fringe_value_n_per_mm":
+                result.append(("date of f_sigma", scene.fringe_value_date or NO_DATE))
     libraries = record.get("libraries") or {}
     versions = ", ".join(f"{name} {number}" for name, number in libraries.items())
     code = record.get("code_sha256")
@@ -373,18 +363,6 @@ def stated_text(value: float, spread: float | None, unit: str) -> str:
     return f"{text} {unit}".strip() + f" ({basis})"
 
 
-def _numbers(scene: Scene) -> Iterator[tuple[str, str]]:
-    stated = dict(scene.stated_uncertainty)
-    for name, key, unit in _MEASURED:
-        table, _, field = key.partition(".")
-        value = getattr(getattr(scene, table), field, None)
-        if value is None:
-            continue
-        yield name, stated_text(value, stated.get(key), unit)
-        if name.startswith("fringe value"):
-            yield "date of f_sigma", scene.fringe_value_date or NO_DATE
-
-
 _INCHES = 4.0, 2.3
 """Of a drawing, whose letters are then those of a page where a telephone shows it."""
 
@@ -394,26 +372,24 @@ _SVG: Any = {"svg.fonttype": "path", "svg.hashsalt": "isochrome", "text.parse_ma
 _UNDATED = dict.fromkeys(("Date", "Creator", "Format", "Type"))
 
 
-def drawn_chart(plot: Plot) -> dict[str, Any] | None:
-    """A plot as the page takes it: drawing and numbers; None where it has no two points.
-
-    The drawing is base64 of a picture of its own, as the page's policy forbids its styles.
-    """
+def drawn_chart(plot: figures.Plot) -> dict[str, Any] | None:
+    """A plot as the page takes it, or None without two points: numbers, and a drawing as base64 of
+    a picture of its own, as the page's policy forbids its styles."""
     from matplotlib import rc_context
     from matplotlib.backends.backend_svg import FigureCanvasSVG  # `savefig` lays out twice
 
     content = io.BytesIO()
     with rc_context(_SVG):
-        figure = new_figure(*_INCHES)
+        figure = figures.new_figure(*_INCHES)
         axes = figure.subplots()
         plot.draw(axes)
-        columns = curve_columns(axes)
+        columns = figures.curve_columns(axes)
         across, *names = columns or ("", "")
         if not columns or np.isfinite(columns[names[0]]).sum() < 2:
             return None
         axes.ticklabel_format(useOffset=False)
         axes.locator_params(nbins=5)  # numbers of a long run have room beside each other
-        axes.grid(color=PALE, alpha=0.5, lw=FINE_PT)
+        axes.grid(color=figures.PALE, alpha=0.5, lw=figures.FINE_PT)
         axes.set_axisbelow(True)
         axes.set(ylabel="", title="")
         axes.set_title("", loc="left")
@@ -433,13 +409,10 @@ def assemble_page(
     """A page of a room's NAME.html.jinja, NAME.css and scripts, in which every value is escaped."""
     from markupsafe import Markup
 
-    return _template(room, name).render(
-        # hashes are of the plain letters of base64
-        policy=Markup(content_policy(room, name, scripts=scripts, policy=policy)),
-        style=Markup(_part(room, f"{name}.css")),
-        script=Markup(_joined(room, tuple(scripts))),
-        **values,
-    )
+    template, style, script = _page_parts(room, name, tuple(scripts))
+    # hashes are of the plain letters of base64
+    rules = Markup(content_policy(room, name, scripts=scripts, policy=policy))
+    return template.render(policy=rules, style=Markup(style), script=Markup(script), **values)
 
 
 def content_policy(room: str, name: str, *, scripts: Sequence[str], policy: str) -> str:
@@ -448,36 +421,26 @@ def content_policy(room: str, name: str, *, scripts: Sequence[str], policy: str)
     `policy` is what else is allowed, such as "img-src data:"; all that is not named is forbidden.
     Source: W3C (2024), Content Security Policy Level 3, section 2.3.1, for the hashes.
     """
-    style, script = _part(room, f"{name}.css"), _joined(room, tuple(scripts))
+    _, *texts = _page_parts(room, name, tuple(scripts))
+    digests = (hashlib.sha256(text.encode()).digest() for text in texts)
+    style, script = (f"'sha256-{base64.b64encode(digest).decode()}'" for digest in digests)
     return (
-        f"default-src 'none'; {policy}; style-src {_hash(style)}; script-src {_hash(script)}; "
+        f"default-src 'none'; {policy}; style-src {style}; script-src {script}; "
         "base-uri 'none'; form-action 'none'"
     )
 
 
-def _hash(text: str) -> str:
-    """What a policy calls a text by."""
-    return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
-
-
 @cache
-def _template(room: str, name: str) -> Template:
+def _page_parts(room: str, name: str, scripts: tuple[str, ...]) -> tuple[Template, str, str]:
+    """A page's template, style and script."""
     from jinja2 import Environment, StrictUndefined
 
+    files = (f"{name}.html.jinja", f"{name}.css", *scripts)
+    text, style, *parts = ((resources.files(room) / file).read_text("utf-8") for file in files)
     environment = Environment(
         autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
-    return environment.from_string(_part(room, f"{name}.html.jinja"))
-
-
-@cache
-def _joined(room: str, scripts: tuple[str, ...]) -> str:
-    return "\n".join(_part(room, name) for name in scripts)
-
-
-@cache
-def _part(room: str, name: str) -> str:
-    return (resources.files(room) / name).read_text("utf-8")
+    return environment.from_string(text), style, "\n".join(parts)
 
 
 MOST_BYTES = 10_000_000

@@ -1,7 +1,6 @@
 """Long runs: chunk by chunk, kept as they go, by one process or many; results in one store.
 
-What is computed is somebody else's business: here are the order of the work, what is kept of it,
-and the files. Heavy libraries are imported inside the functions that need them.
+Heavy libraries are imported inside the functions that need them.
 """
 
 import lazy_loader

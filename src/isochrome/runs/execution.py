@@ -1,8 +1,7 @@
 """A long run: chunk after chunk, each kept when it is done; after a crash, it resumes there.
 
-DIR.partial holds the manifest (what the run is a result of), the records of its finished chunks,
-and, in a folder of its own, the files that become DIR. It goes when DIR is there. One run works on
-an output at a time: a lock that the system opens when its process dies.
+DIR.partial holds the manifest (what the run is a result of), and, in a folder of its own, the files
+that become DIR, with the records of finished chunks. One run works on an output at a time.
 """
 
 from __future__ import annotations
@@ -15,6 +14,7 @@ import secrets
 import shutil
 import socket
 import time
+from collections import Counter
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from contextlib import closing, contextmanager, suppress
 from dataclasses import asdict, dataclass, replace
@@ -25,7 +25,7 @@ from isochrome.errors import InputError, IsochromeError, PhysicsError
 from isochrome.messages import message
 from isochrome.output import check_link
 from isochrome.progress import RunProgress, Tally
-from isochrome.runs import integrity
+from isochrome.runs import integrity, workers
 from isochrome.runs.job import (
     MANIFEST,
     RECORDS,
@@ -40,21 +40,14 @@ from isochrome.runs.job import (
     difference,
     identity_digest,
     read_record_of,
+    record_name,
 )
 from isochrome.runs.store import WORKING, create_store
-from isochrome.runs.workers import (
-    Finished,
-    WorkerPool,
-    WorkersLost,
-    by_cluster,
-    by_processes,
-    compute,
-    keep_steady,
-    processors,
-)
 
 if TYPE_CHECKING:
     from filelock import FileLock
+
+    from isochrome.runs.workers import WorkerPool
 
 LOCK, OWNER = "lock", "owner.txt"
 
@@ -64,12 +57,11 @@ def locked(folder: Path) -> Iterator[None]:
     """Hold a folder for this process alone; it is made if need be, and removed when left empty."""
     from filelock import FileLock, Timeout
 
-    lock, made = None, not os.path.lexists(folder)
+    made, lock = not os.path.lexists(folder), FileLock(folder / LOCK, timeout=0, thread_local=False)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if folder.is_symlink():
             raise InputError("symbolic_link_remove_name", folder=folder)
-        lock = FileLock(folder / LOCK, timeout=0, thread_local=False)
         lock.acquire()
         (folder / OWNER).write_text(f"process {os.getpid()} on {socket.gethostname()}", "utf-8")
     except Timeout:
@@ -79,11 +71,8 @@ def locked(folder: Path) -> Iterator[None]:
         owner = owner or "unknown process"
         raise InputError("another_run_work_there", folder=folder, owner=owner) from None
     except (OSError, NotImplementedError) as error:
-        if lock is not None and lock.is_locked:
+        if made or lock.is_locked:
             _release(folder, lock)
-        elif made:
-            with suppress(OSError):
-                folder.rmdir()
         reason = getattr(error, "strerror", None) or error
         raise InputError(
             "results_cannot_written_there_name", folder=folder, reason=reason
@@ -144,55 +133,45 @@ def faults_of(target: Path, identity: Mapping[str, Any]) -> dict[str, str] | Non
     return {name: fault for name in known.sizes if (fault := known.fault(name))}
 
 
-def holds_results(target: Path, identity: Mapping[str, Any]) -> bool:
-    """Whether a folder holds all results of an identity, as in a Job: all its files are read."""
-    return faults_of(target, identity) == {}
-
-
 def take_back(run: RunFolder, target: Path) -> None:
     """Take chunks that are left of damaged results back to work, where they are looked at anew."""
     placed = replace(run, results=target)
     for index in range(run.layout.chunks if run.layout.store else 0):
-        record = None if run.record_file(index).exists() else read_record_of(placed, index)
-        if record is None:
-            continue
-        names = [run.chunk_file(name, index) for name in record["layers"]]
-        names += [run.part_file(name, index) for name in record["parts"]]
-        for place in (*names, run.record_file(index)):
-            old = target / place.relative_to(run.results)
-            if integrity.is_plain(old):
-                place.parent.mkdir(parents=True, exist_ok=True)
-                os.replace(old, place)
+        record = None
+        if not (run.results / record_name(index)).exists():
+            record = read_record_of(placed, index)
+        for name in (*record["files"], record_name(index)) if record is not None else ():
+            if integrity.is_plain(target / name):
+                (run.results / name).parent.mkdir(parents=True, exist_ok=True)
+                os.replace(target / name, run.results / name)
 
 
 def open_run_folder(root: Path, job: Job, *, restart: bool) -> RunFolder:
     """The working folder of a run: as an earlier one of the same identity left it, or a new one."""
+    layout = json.loads(json.dumps(asdict(job.layout)))
     manifest = None if restart else _manifest(root)
     if manifest is not None:
         changed = difference(manifest["identity"], job.identity)
-        if changed is None and manifest["layout"] != _described(job.layout):
+        if changed is None and manifest["layout"] != layout:
             changed = message("layout_results")
         if changed is not None:
             raise InputError("holds_unfinished_run_since", root=root, changed=changed)
-        results = root / manifest["token"]
-        run = RunFolder(results, job.layout, identity_digest(job.identity))
-        if (root / FINISHED).exists():
-            return run
-        if results.is_dir():
+        run = RunFolder(root / manifest["token"], job.layout, identity_digest(job.identity))
+        if run.results.is_dir() and not is_finished(run):
             clear_up(run)
+        if run.results.is_dir() or is_finished(run):
             return run
     wipe(root)
     token = f"results-{secrets.token_hex(4)}"  # a dead run's last worker finds its folder gone
-    results, layout = root / token, job.layout
-    check_room(root, layout, layout.count)
-    run = RunFolder(results, layout, identity_digest(job.identity))
-    results.mkdir()
-    run.records.mkdir()
-    if layout.store:
-        create_store(results / STORE, layout)
-        shutil.copyfile(results / STORE / "zarr.json", root / _GROUP)
+    check_room(root, job.layout, job.layout.count)
+    run = RunFolder(root / token, job.layout, identity_digest(job.identity))
+    run.results.mkdir()
+    (run.chunk_folder / RECORDS).mkdir()
+    if job.layout.store:
+        create_store(run.results / STORE, job.layout)
+        shutil.copyfile(run.results / STORE / "zarr.json", root / _GROUP)
     sync_tree(root)
-    body = {"identity": dict(job.identity), "layout": _described(layout), "token": token}
+    body = {"identity": dict(job.identity), "layout": layout, "token": token}
     integrity.write_checked(root / MANIFEST, body)
     return run
 
@@ -206,35 +185,34 @@ def wipe(root: Path) -> None:
     """Remove all that is in a working folder but its lock."""
     for entry in sorted(root.iterdir(), key=lambda e: e.name != MANIFEST):
         if entry.name not in (LOCK, OWNER):
-            integrity.remove(entry)
+            _remove(entry)
+
+
+def _remove(entry: Path) -> None:
+    if entry.is_dir() and not entry.is_symlink():
+        shutil.rmtree(entry)
+    else:
+        entry.unlink()
 
 
 def _manifest(root: Path) -> dict[str, Any] | None:
     """What a run is a result of; None where it breaks off: so may all that was written after it."""
-    try:
-        manifest: dict[str, Any] = integrity.read_checked(root / MANIFEST)
-        known = isinstance(manifest["identity"], dict) and isinstance(manifest["layout"], dict)
-        inside = re.fullmatch(r"results-[0-9a-f]+", manifest["token"]) is not None
-    except (ValueError, KeyError, TypeError, RecursionError):
-        return None  # no manifest of ours
-    return manifest if known and inside else None
-
-
-def _described(layout: RunLayout) -> Any:
-    return json.loads(json.dumps(asdict(layout)))
+    manifest = integrity.read_checked(root / MANIFEST)
+    ours = manifest is not None and re.fullmatch(r"results-[0-9a-f]+", manifest["token"])
+    return manifest if ours else None
 
 
 def clear_up(run: RunFolder) -> None:
     """Remove what a killed run left half-written beside finished chunks."""
-    layers = {layer.name for layer in run.layout.layers}
-    store, keep = run.results / STORE, {STORE, RECORDS}
-    for entry in [*run.results.iterdir(), *(store.iterdir() if run.layout.store else ())]:
-        known = layers | {"zarr.json"} if entry.parent == store else keep
+    store, known = run.results / STORE, {layer.name for layer in run.layout.layers} | {"zarr.json"}
+    for entry in run.results.iterdir():
+        if entry.name not in (STORE, RECORDS):
+            _remove(entry)
+    for entry in store.iterdir() if run.layout.store else ():
         if entry.name not in known:
-            integrity.remove(entry)
-    for folder in (*(store / name for name in layers), run.records):
-        for file in folder.rglob(".*.part"):
-            file.unlink()
+            _remove(entry)
+    for file in run.root.rglob(".*.part"):
+        file.unlink()
     if run.layout.store:
         shutil.copyfile(run.root / _GROUP, store / "zarr.json")
 
@@ -292,7 +270,7 @@ def publish(run: RunFolder, target: Path) -> None:
 
 def check_own(target: Path, names: Iterable[str]) -> None:
     """Refuse to replace files that no run has left, such as a scene that somebody wrote."""
-    _, outputs = _record(target)
+    outputs = _record(target)["outputs"]
     known = {name.partition("/")[0] for name in outputs} | {integrity.PROVENANCE}
     known |= {STORE, integrity.REPORT} if outputs else set()  # of an earlier version too
     if not outputs:  # a run may have left its results, and nobody knows any more which these are
@@ -311,29 +289,28 @@ def check_own(target: Path, names: Iterable[str]) -> None:
             )
 
 
-def _record(target: Path) -> tuple[Mapping[str, Any], list[str]]:
-    """An earlier run's record and, by it, its files; nothing where it cannot be read."""
-    known = None
+def _record(target: Path) -> dict[str, Any]:
+    """An earlier run's record, its files as `outputs`: none where it cannot be read."""
+    record: Mapping[str, Any] = {}
     with suppress(InputError):
-        known = integrity.read_record(target)
-    record = {} if known is None else known.record
+        if (known := integrity.read_record(target)) is not None:
+            record = known.record
     outputs = record.get("outputs")
-    return record, list(outputs) if isinstance(outputs, dict) else []
+    return {**record, "outputs": outputs if isinstance(outputs, dict) else {}}
 
 
 def _clear_old(results: Path, target: Path) -> None:
     """Take from a folder what an older run says of it, and its files that have no successor.
 
-    Else they would pass for results of the new one. What is left of the record are the names of all
-    that runs have made there: should this one be killed here, the next knows them.
+    What is left of the record names all that runs have made there, should this one be killed here.
     """
-    record, outputs = _record(target)
-    names = sorted({*outputs, *(entry.name for entry in results.iterdir())})
+    record = _record(target)
+    names = sorted({*record["outputs"], *(entry.name for entry in results.iterdir())})
     placing = {"placing": results.name, "outputs": dict.fromkeys(names, 0)}
     integrity.write_through(target / integrity.PROVENANCE, json.dumps(placing).encode())
     if record.get("placing") == results.name:  # it was killed here: what is there are its own
         return
-    for name in outputs:
+    for name in record["outputs"]:
         old = target / name
         if Path(name).name == name and not (results / name).exists() and not old.is_dir():
             old.unlink(missing_ok=True)
@@ -370,9 +347,9 @@ class Stopped(KeyboardInterrupt):
 class RunOptions:
     """By whom and how a run is computed; none of it changes a result.
 
-    `workers`, processes on this machine (None: as many as are worth it); `cluster`, address of a
-    Dask scheduler instead; `restart`: throw away what an earlier run left; `keep_going`: leave out
-    items that fail instead of ending with the first; `pool`, processes that are started already.
+    `workers`, processes on this machine (None: as many as are worth it); `cluster`, a Dask
+    scheduler's address; `keep_going`: leave out items that fail; `pool`, processes that are started
+    already.
     """
 
     workers: int | None = 1
@@ -398,12 +375,12 @@ def run_job(
 ) -> T | None:
     """Compute a job and leave its results in a folder, all of them or none.
 
-    What is finished is kept in OUT.partial: the same call goes on with it, and ends with the same
-    bytes. `finish` makes the rest of the files when all chunks are there. Returns what it returns,
-    None where the folder holds all results already.
+    The same call goes on with what is kept in OUT.partial, and ends with the same bytes. Returns
+    what `finish` does, which makes the other files; None where the folder holds all results
+    already.
     """
     options = options or RunOptions()
-    keep_steady()
+    workers.keep_steady()
     root = working_folder(Path(out))
     target, stamps = Path(out).resolve(), stamps_of(job.identity)
     _check_call(job, options, stamps, target)
@@ -452,8 +429,7 @@ def _check_call(job: Job, options: RunOptions, stamps: Stamps, target: Path) -> 
 def _leave_record(run: RunFolder, job: Job, before: Stamps) -> None:
     """Write down what the results are of, and which they are: last, when all others are there.
 
-    Results of input that was changed while it was read are refused; a file that is no longer there
-    was read before, or its reader has said that it was not.
+    Results of input that was changed while it was read are refused; a file that is gone was read.
     """
     for file, now in stamps_of(job.identity).items():
         stamp = before.get(file, now)
@@ -462,9 +438,9 @@ def _leave_record(run: RunFolder, job: Job, before: Stamps) -> None:
                 "changed_while_read_bytes_before", file=file, stamp=stamp[0], now=now[0]
             )
     known = {  # checksums that need not be read from the files again
-        run.chunk_file(name, index).relative_to(run.results).as_posix(): checksum
-        for index in range(run.layout.chunks if run.layout.layers else 0)
-        for name, (_, checksum) in (read_record_of(run, index) or {})["layers"].items()
+        name: checksum
+        for index in range(run.layout.chunks if run.layout.store else 0)
+        for name, (_, checksum) in (read_record_of(run, index) or {})["files"].items()
     }
     integrity.seal(run.results, json.loads(json.dumps(dict(job.identity))), known=known)
 
@@ -489,7 +465,7 @@ def _saying(root: Path, job: Job) -> Iterator[_State]:
         yield state
     except IsochromeError as error:
         soon_again = state.fresh and time.perf_counter() - start < WORTH_KEEPING_S
-        if soon_again and not isinstance(error, WorkersLost):
+        if soon_again and not isinstance(error, workers.WorkersLost):
             state.done = 0
         if not state.done:
             raise
@@ -515,52 +491,51 @@ def _compute(
     job: Job, run: RunFolder, state: _State, options: RunOptions, progress: RunProgress | None
 ) -> None:
     """Compute the chunks that are not there, whole; what is done of the `state` grows with each."""
-    checked = {index: check_chunk(run, index) for index in range(run.layout.chunks)}
-    chunks = {
-        index: chunk
-        for index, chunk in checked.items()
+    total, todo = Counter[str](), list[int]()  # items by their status; chunks
+    for index in range(run.layout.chunks):
+        statuses = check_chunk(run, index)
         # failed items are for who asked to keep going: to all others they are to be said again
-        if chunk is not None and (options.keep_going or not chunk.failed)
-    }
-    state.done = before = sum(chunk.items for chunk in chunks.values())
-    check_room(run.root, job.layout, job.layout.count - before)
-    todo = [index for index in range(run.layout.chunks) if index not in chunks]
+        if statuses is not None and (options.keep_going or not statuses["failed"]):
+            total.update(statuses)
+        else:
+            todo.append(index)
+    before, count = total.total(), job.layout.count
+    check_room(run.root, job.layout, count - before)
 
     def tell() -> None:
-        state.done = sum(chunk.items for chunk in chunks.values())
+        state.done = total.total()
         if progress is not None:
-            flagged = sum(chunk.flagged for chunk in chunks.values())
-            progress(Tally(state.done, run.layout.count, before, flagged))
+            progress(Tally(state.done, count, before, state.done - total["ok"]))
 
     tell()
     with closing(_finished(job, run, todo, options)) as finished:
-        for index, chunk in finished:
-            chunks[index] = chunk
+        for statuses in finished:
+            total.update(statuses)
             tell()
 
 
 def _finished(
     job: Job, run: RunFolder, todo: list[int], options: RunOptions
-) -> Generator[Finished]:
-    """The chunks as they are finished, by whoever computes them."""
+) -> Generator[Counter[str]]:
+    """The statuses of chunks as they are finished, by whoever computes them."""
     if not todo:
         return
     work = one_by_one(job, run)
     if options.cluster is not None:
-        yield from by_cluster(work, run, todo, options.cluster)
+        yield from workers.by_cluster(work, run, todo, options.cluster)
         return
-    workers = 1 if job.in_turn else options.workers
-    if workers is None:
+    count = 1 if job.in_turn else options.workers
+    if count is None:
         start = time.perf_counter()
-        yield todo[0], compute(work, run, todo[0])
+        yield workers.compute(work, run, todo[0])
         todo = todo[1:]
         remaining_s = (time.perf_counter() - start) * len(todo)
-        workers = processors() if remaining_s > WORTH_WORKERS_S else 1
-    workers = min(workers, len(todo))
-    if workers > 1:
-        yield from by_processes(work, run, todo, options.pool or WorkerPool(workers))
+        count = workers.processors() if remaining_s > WORTH_WORKERS_S else 1
+    count = min(count, len(todo))
+    if count > 1:
+        yield from workers.by_processes(work, run, todo, options.pool or workers.WorkerPool(count))
     else:
-        yield from ((index, compute(work, run, index)) for index in todo)
+        yield from (workers.compute(work, run, index) for index in todo)
 
 
 Stamps = Mapping[Path, tuple[int, int]]
@@ -592,8 +567,8 @@ def computed(job: Job, progress: RunProgress | None) -> Iterator[dict[str, Any]]
 def one_by_one(job: Job, run: RunFolder | None) -> Work:
     """A job's work on a chunk, whatever it needs of the chunk before.
 
-    What a chunk leaves goes through JSON whether it is still in memory or read from its record, so
-    that a run that goes on computes with the same numbers as one that was never killed.
+    What a chunk leaves goes through JSON in memory too, so that a run that goes on has the same
+    bits.
     """
     if not job.in_turn:
         return cast(Work, job.work)

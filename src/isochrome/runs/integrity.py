@@ -1,18 +1,18 @@
 """Whether results are those that were left: a record of all their files, with sizes and checksums.
 
-It is the folder's provenance.json (of a campaign its summary.json), written last. The checksum is
-CRC-32C (Castagnoli), that of zarr's crc32c codec: it finds damage, not forgery.
+It is the folder's provenance.json (of a campaign its summary.json). CRC-32C (Castagnoli), that of
+zarr's crc32c codec: it finds damage, not forgery.
 """
 
 import json
 import os
-import shutil
 import stat
 import warnings
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
-from pathlib import Path
+from functools import cached_property, partial
+from operator import methodcaller
+from pathlib import Path, PurePath
 from typing import Any
 
 import google_crc32c
@@ -35,8 +35,7 @@ _OWN_KEYS = (b'"outputs_crc32c": {', b'"record_crc32c": "')
 """As they stand in a record, whatever else of it is damaged."""
 SUM_BYTES = 4
 """Bytes of the checksum at the end of a chunk in a store, by zarr's crc32c codec."""
-MISSING = "is missing"
-_OTHER_SUM = "damaged_checksum_another"
+_MISSING = "is missing"
 _BEHIND_LINK = "lies_behind_link_what"
 _BLOCK = 1 << 19
 """Bytes that are read at a time: few enough to be in the processor's cache for their checksum."""
@@ -44,11 +43,12 @@ _MOST = 1 << 28
 """Bytes of a record: of a million files. What is larger is none."""
 
 
-def crc32c(*pieces: Any, start: int = 0) -> int:
-    """CRC-32C of bytes-like pieces, one after the other; `start`, that of what lies before them."""
+def crc32c(*pieces: Any) -> int:
+    """CRC-32C of bytes-like pieces, one after the other."""
+    checksum = 0
     for piece in pieces:
-        start = google_crc32c.extend(start, np.frombuffer(piece, np.uint8))
-    return start
+        checksum = google_crc32c.extend(checksum, np.frombuffer(piece, np.uint8))
+    return int(checksum)
 
 
 def sum_bytes(checksum: int) -> bytes:
@@ -78,27 +78,23 @@ def has_own_keys(path: Path) -> bool:
     return is_record(path) and any(key in path.read_bytes() for key in _OWN_KEYS)
 
 
-def checksum_of(*pieces: Any) -> int:
+def checksum_of(pieces: Iterable[Any]) -> int:
     """The checksum of a file of these pieces: that of all of it, or the one at its end.
 
-    What ends with the checksum of all that lies before it, as a store's chunk does, has one and the
-    same checksum whatever it holds: the one at its end tells it from others.
+    All that end with the checksum of what lies before, as a store's chunks do, would have the same.
     """
-    return _told_apart(crc32c(*pieces), np.frombuffer(pieces[-1], np.uint8)[-SUM_BYTES:].tobytes())
-
-
-def _told_apart(checksum: int, end: bytes) -> int:
+    checksum, end = 0, b""
+    for piece in pieces:
+        data = np.frombuffer(piece, np.uint8)
+        checksum = google_crc32c.extend(checksum, data)
+        end = (end + data[-SUM_BYTES:].tobytes())[-SUM_BYTES:]
     return int.from_bytes(end, "little") if checksum == _OF_SUMMED else checksum
 
 
 def file_sum(path: Path) -> int:
     """The checksum of a file, as `checksum_of` gives it. Raises OSError."""
-    checksum, end = 0, b""
     with open(path, "rb") as file:
-        while data := file.read(_BLOCK):
-            checksum = crc32c(data, start=checksum)
-            end = (end + data[-SUM_BYTES:])[-SUM_BYTES:]
-    return _told_apart(checksum, end)
+        return checksum_of(iter(partial(file.read, _BLOCK), b""))
 
 
 def write_through(path: Path, *data: bytes | memoryview) -> None:
@@ -115,8 +111,9 @@ def write_through(path: Path, *data: bytes | memoryview) -> None:
 
 
 def write_checked(path: Path, body: dict[str, Any]) -> None:
-    """Write an object as JSON below a line with its checksum. Raises OSError."""
-    text = json.dumps(body).encode()
+    """Write an object as JSON below a line with its checksum: every float keeps all its bits,
+    numpy's too. Raises OSError."""
+    text = json.dumps(body, default=methodcaller("item")).encode()
     write_through(path, b"%08x\n" % crc32c(text), text)
 
 
@@ -127,14 +124,6 @@ def read_checked(path: Path) -> Any:
     except FileNotFoundError:
         return None
     return json.loads(body) if head == b"%08x" % crc32c(body) else None
-
-
-def remove(entry: Path) -> None:
-    """Remove a file, a link, or a folder with all that is in it. Raises OSError."""
-    if entry.is_dir() and not entry.is_symlink():
-        shutil.rmtree(entry)
-    else:
-        entry.unlink()
 
 
 def sync_folder(folder: Path) -> None:
@@ -167,17 +156,16 @@ class ResultsRecord:
         known = sizes if isinstance(sizes, dict) else {}
         return {name: size for name, size in known.items() if name != REPORT or not self.older}
 
-    def size_fault(self, name: str) -> str:
-        """What is wrong with a file before it is opened, in words; empty where nothing is."""
-        at, (*folders, file) = str(self.place), name.split("/")
+    def fault(self, name: str, *, content: bool = True) -> str:
+        """What is wrong with a file, in words, its `content` read or not; empty where nothing
+        is."""
+        path = self.place / name
         try:
-            for folder in folders:
-                at += f"/{folder}"
-                if not stat.S_ISDIR(os.lstat(at).st_mode):
-                    return message(_BEHIND_LINK)
-            status = os.lstat(f"{at}/{file}")
+            if any((self.place / above).is_symlink() for above in PurePath(name).parents[:-1]):
+                return message(_BEHIND_LINK)
+            status = path.lstat()
         except (FileNotFoundError, NotADirectoryError):
-            return MISSING
+            return _MISSING
         except OSError as error:
             return f"cannot be looked at ({error.strerror})"
         if stat.S_ISLNK(status.st_mode):
@@ -185,54 +173,45 @@ class ResultsRecord:
         if not stat.S_ISREG(status.st_mode):
             return "is no file"
         size, expected = status.st_size, self.sizes[name]
-        return "" if size == expected else message("has_bytes_left", size=size, expected=expected)
-
-    def fault(self, name: str) -> str:
-        """What is wrong with a file, its content read, in words; empty where nothing is."""
-        fault = self.size_fault(name)
-        if fault or self.older:
-            return fault
+        if size != expected:
+            return message("has_bytes_left", size=size, expected=expected)
+        if self.older or not content:
+            return ""
         try:
-            same = file_sum(self.place / name) == self._sum(name)
+            return self._sum_fault(name, file_sum(path))
         except OSError as error:
             return message("cannot_read_2", strerror=error.strerror)
-        return "" if same else message(_OTHER_SUM)
 
     def check(self, names: Iterable[str] = ()) -> None:
         """Refuse results of which a file is gone or of another size, or `names` of another content.
 
-        Names that the record does not have are passed over, and the report, which may be made anew.
+        Passed over: names that the record does not have, and the report, which may be made anew.
         """
+        to_read = set(names)
         for name in self.sizes:
-            if name != REPORT:
-                self._refuse(name, self.size_fault(name))
-        for name in names:
-            if name in self.sizes:
-                self._refuse(name, self.fault(name))
+            if name != REPORT or name in to_read:
+                self._refuse(name, self.fault(name, content=name in to_read))
 
     def read(self, name: str) -> NDArray[np.uint8]:
         """All bytes of a file. Raises InputError where they are not those that were left."""
-        self._refuse(name, self.size_fault(name))
+        self._refuse(name, self.fault(name, content=False))
         try:
             data = np.fromfile(self.place / name, np.uint8)
+            fault = self._sum_fault(name, checksum_of([data]))
         except OSError as error:
-            raise self.refusal(name, message("cannot_read_2", strerror=error.strerror)) from error
-        if checksum_of(data) != self._sum(name):
-            raise self.refusal(name, self.fault(name) or message(_OTHER_SUM))
+            fault = message("cannot_read_2", strerror=error.strerror)
+        self._refuse(name, fault)
         return data
 
-    def refusal(self, name: str, what: str) -> InputError:
-        """The error that names a file and what is wrong with it."""
-        return InputError(
-            "run_command_left_again", name=self.place / name, what=what, place=self.place
-        )
+    def _sum_fault(self, name: str, checksum: int) -> str:
+        same = self.record[_SUMS].get(name) == f"{checksum:08x}"
+        return "" if same else message("damaged_checksum_another")
 
     def _refuse(self, name: str, what: str) -> None:
         if what:
-            raise self.refusal(name, what)
-
-    def _sum(self, name: str) -> int:
-        return int(self.record[_SUMS].get(name, "-1"), 16)
+            raise InputError(
+                "run_command_left_again", name=self.place / name, what=what, place=self.place
+            )
 
 
 def seal(
@@ -249,13 +228,11 @@ def seal(
     files.
     """
     if names is None:
-        paths = (Path(at) / name for at, _, files in os.walk(folder) for name in files)
+        paths = (path for path in folder.rglob("*") if path.is_file())
         names = sorted(path.relative_to(folder).as_posix() for path in paths)
-    files = {name: folder / name for name in names if name != file}
-    sizes = {name: path.stat().st_size for name, path in files.items()}
+    names = [name for name in names if name != file]
     sums = known or {}
-    texts = {n: f"{sums[n] if n in sums else file_sum(p):08x}" for n, p in files.items()}
-    _write(folder / file, {**record, _SIZES: sizes, _SUMS: texts})
+    _write(folder / file, record, {n: sums.get(n) or file_sum(folder / n) for n in names})
 
 
 def reseal(folder: Path, name: str) -> None:
@@ -263,15 +240,15 @@ def reseal(folder: Path, name: str) -> None:
     known = read_record(folder)
     if known is None or known.older or name not in known.sizes:
         return
-    path = folder / name
-    sizes = {**known.record[_SIZES], name: path.stat().st_size}
-    texts = {**known.record[_SUMS], name: f"{file_sum(path):08x}"}
-    _write(folder / PROVENANCE, {**known.record, _SIZES: sizes, _SUMS: texts})
+    _write(folder / PROVENANCE, known.record, {name: file_sum(folder / name)})
 
 
-def _write(path: Path, record: Mapping[str, Any]) -> None:
-    """A record with its own checksum, that of its text with noughts in the checksum's place."""
+def _write(path: Path, record: Mapping[str, Any], sums: Mapping[str, int]) -> None:
+    """A record with sizes and checksums of files, and its own: of its text with noughts for it."""
+    sizes = {name: (path.parent / name).stat().st_size for name in sums}
+    texts = {name: f"{checksum:08x}" for name, checksum in sums.items()}
     bare = {key: value for key, value in record.items() if key != _OWN}
+    bare |= {_SIZES: bare.get(_SIZES, {}) | sizes, _SUMS: bare.get(_SUMS, {}) | texts}
     text = json.dumps(plain(bare | {_OWN: "0" * 8}), indent=2, allow_nan=False) + "\n"
     write_text(path, text.replace(_line("0" * 8), _line(f"{crc32c(text.encode()):08x}")))
 
@@ -386,43 +363,36 @@ def verify(folder: str | Path, *, progress: RunProgress | None = None) -> Verifi
     """
     place = Path(folder)
     known, damaged = _records_below(place)
-    todo = [(record, name) for record in known.values() for name in record.sizes]
+    todo = [(record, name) for record in known for name in record.sizes]
     tell = progress or (lambda _: None)
     for number, (record, name) in enumerate(todo):
         tell(Tally(number, len(todo), 0, len(damaged)))
         if fault := record.fault(name):
             damaged[(record.place / name).relative_to(place).as_posix()] = fault
     tell(Tally(len(todo), len(todo), 0, len(damaged)))
-    older = tuple(_unverified(file.parent) for file, record in known.items() if record.older)
-    return Verified(folder=place, files=len(todo), damaged=damaged, warnings=older)
+    older = (message("has_no_checksums_results", place=r.place) for r in known if r.older)
+    return Verified(folder=place, files=len(todo), damaged=damaged, warnings=tuple(older))
 
 
-def _records_below(place: Path) -> tuple[dict[Path, ResultsRecord], dict[str, str]]:
-    """The records of a folder and of its recordings, by their files; what is wrong with others."""
+def _records_below(place: Path) -> tuple[list[ResultsRecord], dict[str, str]]:
+    """The records of a folder and of its recordings; what is wrong with others, by their names."""
     damaged = dict[str, str]()
-    records = {PROVENANCE: read_record(place), SUMMARY: read_record(place, SUMMARY)}
-    known = {place / file: record for file, record in records.items() if record is not None}
-    if not known:
+    records = {name: read_record(place, name) for name in (PROVENANCE, SUMMARY)}
+    if not any(records.values()):
         raise InputError("holds_no_which_files", place=place, provenance=PROVENANCE)
     campaign = records[SUMMARY]
     for row in campaign.record.get("recordings", ()) if campaign is not None else ():
-        recording = place / str(row["folder"])
+        name, recording = f"{row['folder']}/{PROVENANCE}", place / str(row["folder"])
         if row["status"] == "failed" and not recording.exists():
             continue
-        name = f"{row['folder']}/{PROVENANCE}"
-        if recording.is_symlink():
-            damaged[name] = message(_BEHIND_LINK)
-            continue
+        fault = message(_BEHIND_LINK) if recording.is_symlink() else _MISSING
         try:
-            record = read_record(recording)
+            records[name] = None if recording.is_symlink() else read_record(recording)
         except InputError as error:
-            damaged[name] = str(error)
-            continue
-        if record is None:
-            damaged[name] = MISSING
-        else:
-            known[recording / PROVENANCE] = record
-    return known, damaged
+            fault = str(error)
+        if records.get(name) is None:
+            damaged[name] = fault
+    return [record for record in records.values() if record is not None], damaged
 
 
 def opened_record(place: Path, names: Iterable[str] = ()) -> ResultsRecord | None:
@@ -443,8 +413,5 @@ def name_damage(place: Path) -> None:
 
 def warn_unverified(place: Path) -> None:
     """Say that nobody can tell whether results are those that were left."""
-    warnings.warn(_unverified(place), UserWarning, stacklevel=3)
-
-
-def _unverified(place: Path) -> str:
-    return message("has_no_checksums_results", place=place)
+    text = message("has_no_checksums_results", place=place)
+    warnings.warn(text, UserWarning, stacklevel=3)

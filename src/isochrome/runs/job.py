@@ -1,12 +1,10 @@
-"""What a long run is made of: chunks of items, each by one pure function; and what it is of.
-
-A finished chunk is its files, each whole, and a record of their checksums.
-"""
+"""What a long run is made of: chunks of items, each by one pure function; and what it is of."""
 
 import hashlib
 import json
 import math
 import platform
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -66,11 +64,13 @@ def run_identity(
 
 def identity_digest(identity: Mapping[str, Any]) -> str:
     """A hash of what a run is a result of, the same where `difference` finds none."""
-    files = [
-        [Path(name).name, checksum] for name, checksum in (identity["inputs_sha256"] or {}).items()
-    ]
+    files = [[Path(name).name, checksum] for name, checksum in _inputs(identity)]
     parts = [identity.get(key) for key in ("scene", *_LABELS)]
     return hashlib.sha256(json.dumps([files, parts]).encode()).hexdigest()
+
+
+def _inputs(identity: Mapping[str, Any]) -> list[tuple[str, str]]:
+    return list((identity.get("inputs_sha256") or {}).items())
 
 
 def difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> str | None:
@@ -78,16 +78,22 @@ def difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> str | None:
     same."""
     if old.get("scene") != new.get("scene"):
         return f"the scene ({_first_line(old.get('scene'), new.get('scene'))})"
-    before, now = (list((run.get("inputs_sha256") or {}).items()) for run in (old, new))
-    names = [[Path(name).name for name, _ in files] for files in (before, now)]
+    names = [[Path(name).name for name, _ in _inputs(run)] for run in (old, new)]
     if names[0] != names[1]:
         differing = sorted(set(names[0]) ^ set(names[1]))
         return f"the input files ({', '.join(differing[:3]) or 'their order'})"
-    if changed := [name for (_, a), (name, b) in zip(before, now, strict=True) if a != b]:
-        return f"the content of {changed[0]}"
+    for (_, checksum), (name, other) in zip(_inputs(old), _inputs(new), strict=True):
+        if checksum != other:
+            return f"the content of {name}"
     for key, label in _LABELS.items():
-        if old.get(key) != new.get(key):
-            return f"{label} ({_pair(old.get(key), new.get(key))})"
+        was, now = old.get(key), new.get(key)
+        if was == now:
+            continue
+        words = f"{was}, now {now}"
+        if isinstance(was, Mapping) and isinstance(now, Mapping):
+            part = next(k for k in {**was, **now} if was.get(k) != now.get(k))
+            words = f"{part}: {was.get(part)}, now {now.get(part)}"
+        return f"{label} ({'its files' if key == 'code_sha256' else words})"
     return None
 
 
@@ -99,13 +105,6 @@ def _first_line(old: Any, new: Any) -> str:
     return f"'{before}' is no longer there" if now is None else f"'{before}' is now '{now}'"
 
 
-def _pair(old: Any, new: Any) -> str:
-    if isinstance(old, Mapping) and isinstance(new, Mapping):
-        keys = [key for key in {**old, **new} if old.get(key) != new.get(key)]
-        return f"{keys[0]}: {old.get(keys[0])}, now {new.get(keys[0])}"
-    return "its files" if isinstance(old, str) and len(old) == 64 else f"{old}, now {new}"
-
-
 CHUNK_BYTES = 24_000_000
 """Of one layer in one chunk; a few chunks of all layers are in memory at a time."""
 LARGEST_CHUNK = 32
@@ -114,12 +113,11 @@ LARGEST_CHUNK = 32
 
 @dataclass(frozen=True)
 class Compact:
-    """How maps are kept in whole steps of one or two bytes, compressed one by one.
+    """How maps are kept in whole `step`s of one or two bytes, compressed one by one.
 
-    Blosc's Zstandard at its first level, its bytes shuffled: of an order read from noise of 3 grey
-    levels it leaves 1.2 bytes a pixel in 1.4 ms a frame of 659 x 494; higher levels take 4 to 500
-    ms for 3 to 13 % less, LZ4 0.6 ms for 12 % more. `step`, what a value is a multiple of; `pages`,
-    whether the TIFF stack too has a page for every item.
+    Zstandard's first level, bytes shuffled: an order in noise of 3 grey levels takes 1.2 bytes a
+    pixel and 1.4 ms a frame; higher levels 4 to 500 ms for 3 to 13 % less. `pages`: every item has
+    a page.
     """
 
     step: float
@@ -171,10 +169,9 @@ class Compact:
 
 @dataclass(frozen=True)
 class Layer:
-    """A picture for each item, float32, NaN = not known.
+    """A picture for each item, float32, NaN = not known; `units`, '1' for none.
 
-    `units`, '1' for none; `stack`, whether it is left as a TIFF stack too; `compact`, how the store
-    has it, then for every item, whatever the layout's `every`.
+    `stack`, whether it is left as a TIFF stack too; `compact`, how the store has it for every item.
     """
 
     name: str
@@ -189,8 +186,7 @@ class RunLayout:
     """What a run leaves, by its input alone.
 
     `chunk`, items that are computed and kept together, 1 where there are several axes; of `every`
-    so many items only the first has pictures, on an axis of their own: one axis over the items, and
-    `chunk` a multiple.
+    so many items only the first has pictures, on an axis of their own, and `chunk` is a multiple.
     """
 
     axes: Mapping[str, int]  # over the items: sizes by their names
@@ -223,10 +219,6 @@ class RunLayout:
         ((name, count),) = self.axes.items()
         return {f"key_{name}": -(-count // self.every)}
 
-    def pictures(self, start: int, stop: int) -> tuple[int, int]:
-        """First picture of the items [start, stop), and the one after its last."""
-        return -(-start // self.every), -(-stop // self.every)
-
     def paged_items(self, layer: Layer) -> range:
         """The items that have a page in a layer's TIFF stack."""
         every_item = layer.compact is not None and layer.compact.pages
@@ -248,10 +240,9 @@ class RunLayout:
 class Results:
     """What a chunk's computation gives.
 
-    `arrays`, by layer, a picture for each item but where the layout says `every`; of a compact one
-    the map of every item as `Compact.pack` gives it, or None. `more`, what else is known of each
-    item, among it its `status`: 'ok', 'flagged' (it has warnings) or 'failed' (nothing was found in
-    it).
+    `arrays`, by layer, a picture for each item that has one; of a compact layer the map of each as
+    `Compact.pack` gives it, or None. `more`, of each item its `status`: 'ok', 'flagged' or
+    'failed'.
     """
 
     arrays: Mapping[str, Any]
@@ -270,10 +261,9 @@ InTurn = Callable[[int, int, Any], Results]
 
 @dataclass(frozen=True)
 class Job:
-    """A long run.
+    """A long run: what it leaves, and by `identity` what it is a result of.
 
-    `layout`, what it leaves; `identity`, what it is a result of; `in_turn`, whether each chunk
-    needs what the one before has left: then one process computes all.
+    `in_turn`: each chunk needs what the one before has left, and one process computes all.
     """
 
     work: Work | InTurn
@@ -300,8 +290,7 @@ _NO_MAP = np.iinfo(np.uint64).max
 class RunFolder:
     """Where a run's chunks are put down: picklable, so that workers may do it.
 
-    `results`, the folder that becomes the output, in the run's working folder; `digest`, see
-    `identity_digest`, which the chunks' records hold.
+    `results`, the folder that becomes the output; `digest`, see `identity_digest`.
     """
 
     results: Path
@@ -314,75 +303,61 @@ class RunFolder:
         return self.results.parent
 
     @property
-    def records(self) -> Path:
-        """The folder of the chunks' records: beside a store, of which damage can be mended by them.
-
-        What has no store is made of its chunks' parts, as large as the results, and they go.
-        """
-        return (self.results if self.layout.store else self.root) / RECORDS
-
-    def chunk_file(self, layer: str, index: int) -> Path:
-        """The file of a layer's chunk in the store."""
-        return self.results / STORE / layer / self.layout.key(index)
-
-    def part_file(self, name: str, index: int) -> Path:
-        """The file of a chunk's part of the file `name`."""
-        return self.records / f"{index:08d}-{name}"
-
-    def record_file(self, index: int) -> Path:
-        """The file whose being there, whole, says that the chunk is finished."""
-        return self.records / f"{index:08d}.json"
+    def chunk_folder(self) -> Path:
+        """The folder of the chunks: with a store the results', whose damage their records mend;
+        else they go, for the parts of what has no store are as large as the results."""
+        return self.results if self.layout.store else self.root
 
 
-@dataclass(frozen=True)
-class ChunkRecord:
-    """A chunk's record: how many items it has, how many of them are `flagged` and `failed`."""
-
-    items: int
-    flagged: int
-    failed: int
+def record_name(index: int) -> str:
+    """The file below `chunk_folder` whose being there, whole, says that a chunk is finished."""
+    return f"{RECORDS}/{index:08d}.json"
 
 
-def keep(run: RunFolder, index: int, results: Results) -> ChunkRecord:
-    """Put a chunk down: pictures, parts, and last its record, each file whole or not at all."""
-    start, stop = run.layout.span(index)
-    first, end = run.layout.pictures(start, stop)
-    sums: dict[str, dict[str, tuple[int, int]]] = {"layers": {}, "parts": {}}  # bytes, checksums
-    for layer in run.layout.layers:
-        if layer.compact is not None:
-            pieces = _shard(results.arrays[layer.name], run.layout.chunk)
-        else:
-            values = np.ascontiguousarray(results.arrays[layer.name], dtype="<f4")
-            assert values.shape == (end - first, *run.layout.shape.values()), layer.name
-            padding = int(np.prod(run.layout.chunk_shape)) - values.size
-            pieces = [values.data.cast("B"), np.full(padding, np.nan, dtype="<f4").tobytes()]
-            pieces.append(integrity.sum_bytes(integrity.crc32c(*pieces)))
-        integrity.write_through(run.chunk_file(layer.name, index), *pieces)
+def keep(run: RunFolder, index: int, results: Results) -> Counter[str]:
+    """Put a chunk down: pictures, parts, and last its record, each file whole or not at all; how
+    many of its items are of each status."""
+    files = dict[str, tuple[int, int]]()  # bytes and checksums
+
+    def put(name: str, pieces: Sequence[bytes | memoryview]) -> None:
+        integrity.write_through(run.chunk_folder / name, *pieces)
         size = sum(memoryview(piece).nbytes for piece in pieces)
-        sums["layers"][layer.name] = size, integrity.checksum_of(*pieces)
+        files[name] = size, integrity.checksum_of(pieces)
+
+    shape = run.layout.chunk_shape
+    for layer in run.layout.layers:
+        pictures = results.arrays[layer.name]
+        if layer.compact is not None:
+            pieces = _shard(pictures, run.layout.chunk)
+        else:
+            chunk = np.full(shape, np.nan, dtype="<f4")
+            chunk.reshape(-1, *run.layout.shape.values())[: len(pictures)] = pictures
+            pieces = [data := chunk.data.cast("B"), integrity.sum_bytes(integrity.crc32c(data))]
+        put(f"{STORE}/{layer.name}/{run.layout.key(index)}", pieces)
     for name, part in results.parts.items():
-        integrity.write_through(run.part_file(name, index), part)
-        sums["parts"][name] = len(part), integrity.checksum_of(part)
-    states = [more["status"] for more in results.more]
-    record = ChunkRecord(stop - start, sum(s != "ok" for s in states), states.count("failed"))
+        put(_part_name(name, index), [part])
     body = {
         "of": run.digest,
-        **sums,
-        "flagged": record.flagged,
-        "failed": record.failed,
-        "rows": [_plain(row) for row in results.rows],
-        "more": [_plain(more) for more in results.more],
+        "files": files,
+        "rows": results.rows,
+        "more": results.more,
         "left": results.left,
     }
-    integrity.write_checked(run.record_file(index), body)
-    return record
+    integrity.write_checked(run.chunk_folder / record_name(index), body)
+    return _statuses(results.more)
+
+
+def _part_name(name: str, index: int) -> str:
+    return f"{RECORDS}/{index:08d}-{name}"
+
+
+def _statuses(more: Iterable[Mapping[str, Any]]) -> Counter[str]:
+    return Counter(item["status"] for item in more)
 
 
 def _shard(maps: Sequence[Any], count: int) -> list[bytes | memoryview]:
-    """The pieces of a shard's file: its items' maps, then where each lies and how long it is.
-
-    Each with its checksum. Source: the zarr format's sharding and crc32c codecs, index at the end.
-    """
+    """The pieces of a shard's file: maps, where each lies, how long it is, each with its checksum.
+    Source: the zarr format's sharding and crc32c codecs, index at the end."""
     index = np.full((count, 2), _NO_MAP, dtype="<u8")
     pieces, at = list[bytes | memoryview](), 0
     for number, data in enumerate(maps):
@@ -396,30 +371,24 @@ def _shard(maps: Sequence[Any], count: int) -> list[bytes | memoryview]:
 
 def read_record_of(run: RunFolder, index: int) -> dict[str, Any] | None:
     """A chunk's record; None where none of this run is there, whole. Raises OSError."""
-    file = run.record_file(index)
-    record: dict[str, Any] | None = (
-        integrity.read_checked(file) if integrity.is_record(file) else None
-    )
+    file = run.chunk_folder / record_name(index)
+    record = integrity.read_checked(file) if integrity.is_record(file) else None
     return record if record is not None and record.get("of") == run.digest else None
 
 
-def check_chunk(run: RunFolder, index: int) -> ChunkRecord | None:
-    """What a chunk holds, once its files were read and are as their checksums say; else None."""
+def check_chunk(run: RunFolder, index: int) -> Counter[str] | None:
+    """The statuses of a chunk, once its files were read and are as their checksums say; or None."""
     record = read_record_of(run, index)
     if record is None:
         return None
-    start, stop = run.layout.span(index)
-    files = [(run.chunk_file(name, index), expected) for name, expected in record["layers"].items()]
-    files += [(run.part_file(name, index), expected) for name, expected in record["parts"].items()]
     with suppress(FileNotFoundError):
-        # of another size, a file is not read
-        if all(
-            integrity.is_plain(file)
-            and file.stat().st_size == size
-            and integrity.file_sum(file) == checksum
-            for file, (size, checksum) in files
-        ):
-            return ChunkRecord(stop - start, record["flagged"], record["failed"])
+        for name, (size, checksum) in record["files"].items():
+            file = run.chunk_folder / name
+            if not integrity.is_plain(file) or file.stat().st_size != size:
+                return None
+            if integrity.file_sum(file) != checksum:
+                return None
+        return _statuses(record["more"])
     return None
 
 
@@ -434,10 +403,5 @@ def rows(run: RunFolder) -> Iterator[tuple[dict[str, Any], dict[str, Any]]]:
 def parts(run: RunFolder, name: str) -> Iterator[bytes]:
     """Give the chunks' parts of a file, in order; chunks without one are passed over."""
     for index in range(run.layout.chunks):
-        if (file := run.part_file(name, index)).is_file():
+        if (file := run.chunk_folder / _part_name(name, index)).is_file():
             yield file.read_bytes()
-
-
-def _plain(row: dict[str, Any]) -> dict[str, Any]:
-    """A row with numpy's numbers as plain ones; NaN stays NaN, every float keeps all its bits."""
-    return {k: v.item() if isinstance(v, np.generic) else v for k, v in row.items()}

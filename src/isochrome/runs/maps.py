@@ -1,19 +1,24 @@
-"""A run's maps and columns as xarray has them: drawn the right way up, and of one place.
-
-A module of its own, for xarray takes longer to start than most commands that only write.
+"""A run's maps and columns as xarray has them: as they were left, drawn the right way up, and of
+one place. A module of its own, for xarray takes longer to start than most commands that only write.
 """
 
 from __future__ import annotations
 
+import asyncio
 import operator
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import xarray
 from xarray.plot.accessor import DataArrayPlotAccessor
+from zarr.abc.store import ByteRequest, OffsetByteRequest, RangeByteRequest
+from zarr.core.buffer import Buffer, BufferPrototype, cpu
+from zarr.storage import LocalStore
 
 from isochrome.errors import InputError
+from isochrome.runs.integrity import ResultsRecord
 
 PICTURE = (("z_mm", "x_mm"), ("row", "col"))
 """The two axes of a picture: in mm, or where no scale is known in pixels."""
@@ -143,3 +148,50 @@ def _shift(one: Any, axis: str) -> Any:
     names = (f"shift_{axis}", f"key_shift_{axis}")
     shift = next((one.coords[name] for name in names if name in one.coords), None)
     return xarray.DataArray(0.0) if shift is None else shift.drop_vars(names, errors="ignore")
+
+
+class VerifiedStore(LocalStore):
+    """A store that is read alone, and holds what is read against the record of its results.
+
+    A file of which a part is asked for is read whole: its checksum in the record is that of all.
+    """
+
+    def __init__(self, root: Path, record: ResultsRecord) -> None:
+        super().__init__(root, read_only=True)
+        self._record = record
+
+    async def get(
+        self,
+        key: str,
+        prototype: BufferPrototype | None = None,
+        byte_range: ByteRequest | None = None,
+    ) -> Buffer | None:
+        """What a key holds, or a part of it; None where it is no file of the results."""
+        return await asyncio.to_thread(self.get_sync, key, byte_range=byte_range)
+
+    def get_sync(
+        self,
+        key: str,
+        *,
+        prototype: BufferPrototype | None = None,
+        byte_range: ByteRequest | None = None,
+    ) -> Buffer | None:
+        """The same without an event loop, as later versions of zarr read."""
+        name = f"{self.root.name}/{key}"
+        if name not in self._record.sizes:
+            return None
+        data = self._record.read(name)
+        if isinstance(byte_range, RangeByteRequest):
+            data = data[byte_range.start : byte_range.end]
+        elif isinstance(byte_range, OffsetByteRequest):
+            data = data[byte_range.offset :]
+        elif byte_range is not None:
+            data = data[-byte_range.suffix :]
+        return cpu.Buffer(data)
+
+    async def list_dir(self, prefix: str) -> AsyncIterator[str]:
+        """The names below a prefix that are of the results."""
+        start = f"{self.root.name}/{prefix.strip('/')}".rstrip("/") + "/"
+        below = [n.removeprefix(start) for n in self._record.sizes if n.startswith(start)]
+        for name in sorted({name.partition("/")[0] for name in below}):
+            yield name

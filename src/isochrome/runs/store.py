@@ -1,7 +1,5 @@
-"""The zarr store of a run: pictures chunk by chunk, then the columns and what they came from.
-
-And its dataset for other programs: netCDF for MATLAB, TIFF for ImageJ, CSV for all.
-"""
+"""The zarr store of a run: pictures chunk by chunk, then the columns; and its dataset for other
+programs: netCDF for MATLAB, TIFF for ImageJ, CSV for all."""
 
 from __future__ import annotations
 
@@ -33,14 +31,29 @@ def make_dataset(
     columns: Mapping[str, Column], coordinates: Mapping[str, Column], attributes: Mapping[str, Any]
 ) -> RunDataset:
     """Make a dataset of maps and columns that are in memory, as `open_run` opens one."""
+    return as_run(_dataset(columns, coordinates, attributes))
+
+
+def _dataset(
+    columns: Mapping[str, Column],
+    coordinates: Mapping[str, Column],
+    attributes: Mapping[str, Any] | None = None,
+) -> xarray.Dataset:
     import xarray
 
-    data, places = map(_variables, (columns, coordinates))
-    return as_run(xarray.Dataset(data, places, dict(attributes)))
+    return xarray.Dataset(_variables(columns), _variables(coordinates), attributes)
 
 
-def _variables(columns: Mapping[str, Column]) -> dict[str, Any]:
-    return {name: (c.axes, c.values, described(name, c)) for name, c in columns.items()}
+def _variables(columns: Mapping[str, Column]) -> dict[str, tuple[tuple[str, ...], Any, Any]]:
+    """Axes, values and attributes of columns by identifiers, their own names in the attributes."""
+    return {
+        identifier(name): (
+            tuple(map(identifier, column.axes)),
+            column.values,
+            ({} if identifier(name) == name else {"long_name": name}) | dict(column.attributes),
+        )
+        for name, column in columns.items()
+    }
 
 
 def as_run(dataset: xarray.Dataset) -> RunDataset:
@@ -72,16 +85,15 @@ def open_growing(partial: Path) -> xarray.Dataset:
     ((axis, count),) = layout["axes"].items()
     rows: dict[int, dict[str, Any]] = {}
     for file in sorted((stores[-1].parent.parent / RECORDS).glob("*.json")):
-        rows_now = (integrity.read_checked(file) or {"rows": ()})["rows"]
-        rows |= dict(enumerate(rows_now, int(file.stem) * layout["chunk"]))
-    columns = {
-        name: column([rows.get(k, {}).get(name) for k in range(count)], axis, name)
-        for name in dict.fromkeys(name for row in rows.values() for name in row)
-    }
+        record = integrity.read_checked(file) or {"rows": ()}
+        rows |= dict(enumerate(record["rows"], int(file.stem) * layout["chunk"]))
+    names = dict.fromkeys(name for row in rows.values() for name in row)
+    table = [rows.get(k, {}) for k in range(count)]
+    columns = {name: column([row.get(name) for row in table], axis, name) for name in names}
     columns["finished"] = Column((axis,), np.array([k in rows for k in range(count)]), {})
     columns[axis] = Column((axis,), np.arange(count), {})
     stored = read_store(stores[-1].parent, stores[-1].parent)
-    return stored.assign(_variables(columns)).set_coords(axis)
+    return stored.assign(_dataset(columns, {}).variables).set_coords(axis)
 
 
 WORKING = ".partial"
@@ -100,8 +112,7 @@ _UNITS = {
 def create_store(path: Path, layout: RunLayout) -> None:
     """Lay out the store: an array for each layer with named axes, no picture in it yet.
 
-    Chunks are plain little-endian float32 and a checksum, so that one that was computed elsewhere
-    is put in its place as a file.
+    Chunks are plain little-endian float32 and a checksum: one is put in its place as a file.
     """
     import zarr
     from zarr.codecs import Crc32cCodec
@@ -170,13 +181,11 @@ def write_stack(
     """Write a layer's TIFF stack, of its pictures as the store has them; `view`, see
     `imagej_view`."""
     items = run.layout.paged_items(layer)
-    pictures = stored_arrays(run.results)[layer.name].pictures(
-        items if layer.compact is not None else range(len(items))
-    )
+    places = items if layer.compact is not None else range(len(items))
+    shape = (len(items), *list(run.layout.shape.values())[-2:])
     output.write_frames(
-        run.results / f"{layer.name}.tif", pictures,
-        (len(items), *list(run.layout.shape.values())[-2:]), np.dtype("<f4"),
-        pixel_mm=pixel_mm, metadata=view,
+        run.results / f"{layer.name}.tif", stored_arrays(run.results)[layer.name].pictures(places),
+        shape, np.dtype("<f4"), pixel_mm=pixel_mm, metadata=view,
     )  # fmt: skip
 
 
@@ -195,29 +204,26 @@ def add_columns(
     coordinates: Mapping[str, Column],
     attributes: Mapping[str, Any],
 ) -> None:
-    """Add columns, coordinates and attributes to a run's store, as xarray would in far more time.
-
-    Names become identifiers: load.normal_n is load_normal_n.
-    """
+    """Add columns, coordinates and attributes to a run's store under names that are identifiers, as
+    xarray would in far more time."""
     import zarr
     from zarr.codecs import Crc32cCodec, ZstdCodec
 
     group = zarr.open_group(path, mode="r+", zarr_format=3)
     nothing = {"T": "", "f": np.nan}  # by the kind of value, else 0
-    for name, column in {**coordinates, **columns}.items():
+    places = _variables(coordinates)
+    for name, (axes, values, about) in (places | _variables(columns)).items():
         group.create_array(
-            identifier(name),
-            data=column.values,
-            chunks=tuple(max(1, size) for size in column.values.shape),
-            fill_value=nothing.get(column.values.dtype.kind, 0),
+            name,
+            data=values,
+            chunks=tuple(max(1, size) for size in values.shape),
+            fill_value=nothing.get(values.dtype.kind, 0),
             compressors=[ZstdCodec(), Crc32cCodec()],
-            dimension_names=tuple(map(identifier, column.axes)),
-            attributes=described(name, column),
+            dimension_names=axes,
+            attributes=about,
         )
     # an axis' own coordinate is known by its name, the others have to be named
-    beside = " ".join(
-        identifier(name) for name, column in coordinates.items() if column.axes != (name,)
-    )
+    beside = " ".join(name for name, (axes, *_) in places.items() if axes != (name,))
     group.attrs.update({**attributes, **({"coordinates": beside} if beside else {})})
 
 
@@ -242,11 +248,6 @@ def with_identifiers(dataset: xarray.Dataset) -> xarray.Dataset:
     """A dataset whose variables and axes are named by identifiers, of whatever version it is."""
     names = {str(name): identifier(str(name)) for name in (*dataset.variables, *dataset.sizes)}
     return dataset.rename({old: new for old, new in names.items() if old != new})
-
-
-def described(name: str, column: Column) -> dict[str, Any]:
-    """The attributes of a column in a dataset, where its name is another than in a table."""
-    return ({} if identifier(name) == name else {"long_name": name}) | dict(column.attributes)
 
 
 def column(values: Sequence[Any], axis: str, name: str) -> Column:
@@ -291,8 +292,8 @@ def attributes(identity: Mapping[str, Any]) -> dict[str, Any]:
     """Make attributes of a dataset of a run's identity: numbers and texts, tables as JSON."""
     result: dict[str, Any] = {"Conventions": "CF-1.11", "source": "Isochrome"}
     for key, value in identity.items():
+        plain = isinstance(value, str | int | float)
         if value is not None:
-            plain = isinstance(value, str | int | float)
             result[key] = value if plain else json.dumps(value, ensure_ascii=False)
     return result
 
@@ -356,10 +357,8 @@ def open_store(path: str | Path) -> xarray.Dataset:
 
 
 def checked_store(store: Path) -> Any:
-    """What zarr reads a store from: of results, the files that were left, as they were left.
-
-    A store away from its results is read as it is, which is said as a warning; so is an older one.
-    """
+    """What zarr reads a store from: of results, the files that were left, as they were left. A
+    warning says so where that cannot be known."""
     record = integrity.opened_record(store.parent)
     if record is None:
         integrity.warn_unverified(store)
@@ -368,7 +367,7 @@ def checked_store(store: Path) -> Any:
     if f"{store.name}/zarr.json" not in record.sizes:
         raise InputError("holds_no_name_folder", parent=store.parent, name=store.name)
 
-    from isochrome.runs.verified_store import VerifiedStore
+    from isochrome.runs.maps import VerifiedStore
 
     return VerifiedStore(store, record)
 
@@ -448,19 +447,16 @@ def export(run: str | Path, to: str, out: str | Path | None = None) -> list[Path
             if to == "netcdf":
                 files = [_to_netcdf(dataset, folder / "run.nc")]
             elif to == "tiff":
-                names = filter(lambda name: _is_picture(dataset[name]), dataset.data_vars)
-                files = [
-                    _to_tiff(dataset, name, folder / "imagej") for name in sorted(map(str, names))
-                ]
+                names = sorted(str(name) for name in dataset.data_vars if _is_map(dataset[name]))
+                files = [_to_tiff(dataset, name, folder / "imagej") for name in names]
             else:
-                table = _to_csv(dataset, folder / "run.csv")
-                files = [table]
+                files = [_to_csv(dataset, folder / "run.csv")]
                 if to == "excel":
                     files = output.write_excel_copies(folder)
-                    table.unlink()
+                    (folder / "run.csv").unlink()
+        except InputError:
+            raise
         except (ValueError, KeyError, TypeError, IndexError, RuntimeError) as error:
-            if isinstance(error, InputError):
-                raise
             integrity.name_damage(place)
             raise InputError(
                 "cannot_read_run_command", store=place / STORE, reason=reason_of(error)
@@ -468,22 +464,22 @@ def export(run: str | Path, to: str, out: str | Path | None = None) -> list[Path
         return [target / file.relative_to(folder) for file in files]
 
 
-def _is_picture(variable: xarray.DataArray) -> bool:
+def _is_map(variable: xarray.DataArray) -> bool:
     return variable.dims[-2:] == _PICTURE
 
 
 def _blocks(variable: xarray.DataArray) -> Iterator[tuple[tuple[int, ...], np.ndarray]]:
     """A variable's pictures, each with its place, or all at once; read as the store keeps them."""
-    if not _is_picture(variable):
+    if not _is_map(variable):
         yield (), np.asarray(variable.values)
         return
     count, *others = variable.shape[:-2]
-    together = int((variable.encoding.get("chunks") or (1,))[0])
-    for start in range(0, count, together):
-        values = np.asarray(variable[start : start + together].values)
-        for k in range(len(values)):
-            for place in product(*(range(size) for size in others)):
-                yield (start + k, *place), values[(k, *place)]
+    # of maps in whole steps many lie in a file
+    file = variable.encoding.get("shards") or variable.encoding.get("chunks") or (1,)
+    for start in range(0, count, int(file[0])):
+        values = np.asarray(variable[start : start + int(file[0])].values)
+        for place in np.ndindex(len(values), *others):
+            yield (start + place[0], *place[1:]), values[place]
 
 
 def _to_netcdf(dataset: xarray.Dataset, path: Path) -> Path:
@@ -502,7 +498,7 @@ def _to_netcdf(dataset: xarray.Dataset, path: Path) -> Path:
             kind = h5py.string_dtype() if text else array.dtype
             chunks = (*(1 for _ in array.dims[:-2]), *array.shape[-2:])
             made = file.create_variable(
-                str(name), array.dims, kind, chunks=chunks if _is_picture(array) else None
+                str(name), array.dims, kind, chunks=chunks if _is_map(array) else None
             )
             for key, value in array.attrs.items():
                 made.attrs[str(key)] = value
@@ -535,49 +531,39 @@ def _to_tiff(dataset: xarray.Dataset, name: str, folder: Path) -> Path:
     array = dataset[name]
     folder.mkdir(exist_ok=True)
     path = folder / f"{name}.tif"
-    shape = (int(np.prod(array.shape[:-2])), *array.shape[-2:])
-    pixel = None  # its side (mm), by the coordinates of the columns
+    pixel, edges = None, dict[str, float]()  # its side, and outer edges of the first ones (mm)
     if "x_mm" in dataset.coords and dataset.sizes["col"] > 1:
         x = dataset.x_mm.values
         pixel = float((x[-1] - x[0]) / (len(x) - 1))
+        places = {axis: dataset[axis].values for axis in ("x_mm", "z_mm") if axis in dataset.coords}
+        edges = {axis: float(values[0]) - 0.5 * pixel for axis, values in places.items()}
+    known = (values[np.isfinite(values)] for _, values in _blocks(array))
+    ends = [end for part in known if part.size for end in (float(part.min()), float(part.max()))]
+    labels, times = (_of_pictures(dataset, each, array) for each in ("label", "time_s"))
     view = output.imagej_view(
-        name, _span(array), labels=_labels(dataset, array), pixel_mm=pixel,
-        left_mm=_edge(dataset, "x_mm", pixel),
-        top_mm=_edge(dataset, "z_mm", pixel),
-        times_s=_of_pictures(dataset, "time_s", array),
+        name, (min(ends), max(ends)) if ends else (0.0, 1.0),
+        labels=_labels(dataset, array) if labels is None else [str(text) for text in labels],
+        pixel_mm=pixel, left_mm=edges.get("x_mm"), top_mm=edges.get("z_mm"), times_s=times,
     )  # fmt: skip
     pictures = (values for _, values in _blocks(array))
+    shape = (int(np.prod(array.shape[:-2])), *array.shape[-2:])
     output.write_frames(path, pictures, shape, np.dtype("<f4"), pixel_mm=pixel, metadata=view)
     return path
 
 
-def _span(array: xarray.DataArray) -> tuple[float, float]:
-    """Smallest and largest value of a map."""
-    known = (values[np.isfinite(values)] for _, values in _blocks(array))
-    ends = [float(end(part)) for part in known if part.size for end in (np.min, np.max)]
-    return (min(ends), max(ends)) if ends else (0.0, 1.0)
-
-
-def _edge(dataset: xarray.Dataset, axis: str, pixel_mm: float | None) -> float | None:
-    """Outer edge of the first column or row, mm; None where no place is known."""
-    if pixel_mm is None or axis not in dataset.coords:
-        return None
-    return float(dataset[axis].values[0]) - 0.5 * pixel_mm
-
-
 def _labels(dataset: xarray.Dataset, array: xarray.DataArray) -> list[str]:
-    """What ImageJ shows above each slice."""
-    if (labels := _of_pictures(dataset, "label", array)) is not None:
-        return [str(text) for text in labels]
+    """What ImageJ shows above each slice: where on the axes it is."""
     axes = array.dims[:-2]
-    values = [dataset[axis].values if axis in dataset.coords else None for axis in axes]
     names = [dataset[axis].attrs.get("long_name", axis) for axis in axes]
+    texts = [
+        [f"{value:.6g}" for value in dataset[axis].values.tolist()]
+        if axis in dataset.coords
+        else list(map(str, range(dataset.sizes[axis])))
+        for axis in axes
+    ]
     return [
-        ", ".join(
-            f"{name} = {k if axis_values is None else f'{axis_values[k]:.6g}'}"
-            for name, axis_values, k in zip(names, values, place, strict=True)
-        )
-        for place in product(*(range(size) for size in array.shape[:-2]))
+        ", ".join(f"{name} = {text}" for name, text in zip(names, place, strict=True))
+        for place in product(*texts)
     ]
 
 

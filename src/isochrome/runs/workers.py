@@ -1,8 +1,7 @@
 """Who computes the chunks: this process, worker processes on this machine, or a Dask cluster.
 
-All through the standard executor interface; the results are the same. The GNU C library keeps what
-is freed: what is left of one chunk lies between the pieces of the next, and a long run would take
-more memory than a short one, so it is told to give it back. Source: mallopt(3), malloc_trim(3).
+The GNU C library keeps what is freed between the pieces of the next chunk, so that a long run would
+take more memory than a short one: it is told to give it back. Source: mallopt(3), malloc_trim(3).
 """
 
 from __future__ import annotations
@@ -15,13 +14,14 @@ import pickle
 import signal
 import sys
 import threading
+from collections import Counter
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from functools import cache
+from functools import cache, partial
 from typing import Any, TypeVar
 
 from isochrome.errors import InputError
-from isochrome.runs.job import ChunkRecord, Results, RunFolder, Work, environment, keep
+from isochrome.runs.job import Results, RunFolder, RunLayout, Work, environment, keep
 
 LARGE = 16 << 20
 """Bytes of an array, as a stack of frames, that is given back as soon as it is freed."""
@@ -48,14 +48,11 @@ def trim_heap() -> None:
 
 @cache
 def _gnu() -> ctypes.CDLL | None:
-    if not sys.platform.startswith("linux"):
-        return None
-    library = ctypes.CDLL(None)
+    library = ctypes.CDLL(None) if sys.platform.startswith("linux") else None
     return library if hasattr(library, "mallopt") and hasattr(library, "malloc_trim") else None
 
 
 T = TypeVar("T")
-Finished = tuple[int, ChunkRecord]
 
 
 class WorkersLost(InputError):
@@ -66,34 +63,30 @@ class NoCluster(InputError):
     """The Dask cluster cannot be had, whatever is to be computed on it."""
 
 
-def compute(work: Work, run: RunFolder, index: int) -> ChunkRecord:
-    """Compute a chunk and put it down; what is kept of it."""
+def compute(work: Work, run: RunFolder, index: int) -> Counter[str]:
+    """Compute a chunk and put it down; the statuses of its items."""
     with single_threaded():
-        record = keep(run, index, work(*run.layout.span(index)))
+        statuses = keep(run, index, work(*run.layout.span(index)))
     trim_heap()
-    return record
+    return statuses
 
 
 def by_processes(
     work: Work, run: RunFolder, chunks: Sequence[int], pool: WorkerPool
-) -> Generator[Finished]:
-    """Compute chunks in worker processes, each of which writes its own to the disk.
-
-    Yields in the order of completion. Raises WorkersLost where a worker was killed.
-    """
+) -> Generator[Counter[str]]:
+    """Compute chunks in worker processes, each of which writes its own to the disk. Raises
+    WorkersLost where one was killed."""
     # once for all chunks, as it may know all frames' places; here it can be said that it fails
     task = pickle.dumps((work, run))
     with pool:
-        yield from in_flight(
-            lambda index: pool.submit(_in_worker, task, index), chunks, 2 * pool.workers
-        )
+        given = in_flight(lambda k: pool.submit(_in_worker, task, k), chunks, 2 * pool.workers)
+        yield from (statuses for _, statuses in given)
 
 
 class WorkerPool(futures.ProcessPoolExecutor):
-    """So many worker processes, which are spawned, not forked, and ignore the keyboard.
+    """So many worker processes, spawned, deaf to the keyboard, which end when this process does.
 
-    They end when this process does, however it does. Left by an exception, the block of the pool
-    ends them at once, whatever they are at, and raises WorkersLost where one was killed.
+    Left by an exception, the block of the pool ends them at once, whatever they are at.
     """
 
     def __init__(self, workers: int, ready: Any = None) -> None:
@@ -115,11 +108,10 @@ class WorkerPool(futures.ProcessPoolExecutor):
 
 def by_cluster(
     work: Work, run: RunFolder, chunks: Sequence[int], address: str
-) -> Generator[Finished]:
+) -> Generator[Counter[str]]:
     """Compute chunks on an existing Dask cluster; the results come here and are written here.
 
-    The workers need the input under the same paths, and the same versions of all that computes. A
-    chunk whose worker dies is given to another. Yields in the order of completion.
+    The workers need the input under the same paths, and the same versions of all that computes.
     """
     try:
         from distributed import Client
@@ -135,14 +127,10 @@ def by_cluster(
         executor = client.get_executor(pure=False)
         everywhere = client.scatter(work, broadcast=True)
         ahead = 2 * max(1, sum(client.nthreads().values()))
-        expected = environment()
-
-        def submit(index: int) -> Any:
-            return executor.submit(_elsewhere, everywhere, run.layout.span(index), expected)
-
+        submit = partial(executor.submit, _elsewhere, everywhere, run.layout, environment())
         try:
             for index, results in in_flight(submit, chunks, ahead):
-                yield index, keep(run, index, results)
+                yield keep(run, index, results)
         finally:
             executor.shutdown(wait=False)
 
@@ -183,18 +171,15 @@ def _start_worker() -> None:
     keep_steady()
 
 
-@cache
-def _task(task: bytes) -> tuple[Work, RunFolder]:
-    """What a worker process computes, the same in all calls."""
-    both: tuple[Work, RunFolder] = pickle.loads(task)
-    return both
+_task: Callable[[bytes], tuple[Work, RunFolder]] = cache(pickle.loads)
+"""What a worker process computes, the same in all calls."""
 
 
-def _in_worker(task: bytes, index: int) -> ChunkRecord:
+def _in_worker(task: bytes, index: int) -> Counter[str]:
     return compute(*_task(task), index)
 
 
-def _elsewhere(work: Work, span: tuple[int, int], expected: dict[str, Any]) -> Results:
+def _elsewhere(work: Work, layout: RunLayout, expected: dict[str, Any], index: int) -> Results:
     """Compute a chunk on a cluster's worker, if it has the same code and libraries."""
     here = environment()
     differing = [key for key in expected if here.get(key) != expected[key]]
@@ -204,15 +189,14 @@ def _elsewhere(work: Work, span: tuple[int, int], expected: dict[str, Any]) -> R
             expected=expected[differing[0]],
         )  # fmt: skip
     with single_threaded():
-        return work(*span)
+        return work(*layout.span(index))
 
 
 @contextmanager
 def single_threaded() -> Iterator[None]:
     """Use one BLAS, OpenMP and OpenCV thread inside the block; what was set before, after it.
 
-    A sum over several threads is rounded in another order than over one: results would differ in
-    their last bits between machines. Workers gain nothing from more threads than cores.
+    A sum over several threads is rounded in another order: results would differ between machines.
     """
     from threadpoolctl import threadpool_limits
 

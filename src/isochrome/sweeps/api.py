@@ -56,7 +56,7 @@ class SweepGrid:
 
 
 def make_grid(scene: Scene, vary: Sequence[str] | Mapping[str, Values]) -> SweepGrid:
-    """The grid of a sweep by the `vary` of `sweep`, each point's scene checked."""
+    """The grid of a sweep by the `vary` of `sweep`."""
     values: dict[str, tuple[float, ...]] = {}
     for text in vary:
         key, given = _parsed(text) if not isinstance(vary, Mapping) else (text, vary[text])
@@ -72,10 +72,7 @@ def make_grid(scene: Scene, vary: Sequence[str] | Mapping[str, Values]) -> Sweep
     count = math.prod(len(given) for given in values.values())
     if count > MAX_POINTS:
         raise InputError("vary_makes_points_allowed", count=count, max_points=MAX_POINTS)
-    grid = SweepGrid(scene, values)
-    for index in range(count):
-        grid.scene_at(index)
-    return grid
+    return SweepGrid(scene, values)
 
 
 def _parsed(text: str) -> tuple[str, list[float]]:
@@ -172,16 +169,14 @@ def _simulated(grid: SweepGrid, layout: runs.RunLayout, start: int, stop: int) -
     shape = tuple(layout.shape.values())
     table, more = [], []
     for index in range(start, stop):
-        history, reason = dict[str, list[Any]](), ""
         try:
             result = simulate(grid.scene_at(index))
             assert result.orders is not None and result.frames is not None
             pictures = {ORDER.name: result.orders, GREY.name: result.frames}
-            for name, values in result.history.items():
-                history[name] = [v.item() if isinstance(v, np.generic) else v for v in values]
+            history, reason = {name: list(each) for name, each in result.history.items()}, ""
         except PhysicsError as error:
-            reason = str(error)
             pictures = dict.fromkeys(arrays, np.full(shape, np.nan, np.float32))
+            history, reason = {}, str(error)
         for name, selected in arrays.items():
             selected.append(pictures[name].astype(np.float32))
         table.append({"history": history, "reason": reason})
@@ -331,21 +326,21 @@ _MARKERS = "os^vD*"
 
 def sweep_figure(keys: tuple[str, ...], table: Mapping[str, list[Any]]) -> Figure:
     """Largest order and pressure of the last state, a line for each value of the other keys."""
-    state = numbers(table["state"])
-    last = state == state.max()
-    x = numbers(table[keys[0]])[last]
-    others = np.array([numbers(table[key])[last] for key in keys[1:]]).reshape(-1, len(x))
-    lines = np.unique(others, axis=1).T if len(keys) > 1 else np.zeros((1, 0))
+    import pandas
+
+    rows = pandas.DataFrame(dict(table))
+    last = rows[rows["state"] == rows["state"].max()]
+    lines = list(last.groupby(list(keys[1:]))) if len(keys) > 1 else [((), last)]
     labels = [
-        ", ".join(f"{key} = {v:g}" for key, v in zip(keys[1:], line, strict=True)) for line in lines
+        ", ".join(f"{key} = {v:g}" for key, v in zip(keys[1:], values, strict=True))
+        for values, _ in lines
     ]
 
     def draw(axes: Axes, name: str) -> None:
-        y = numbers(table[name])[last]
-        for k, line in enumerate(lines):
-            here = (others == line[:, None]).all(axis=0)
+        for k, (_, line) in enumerate(lines):
             look: Any = {"color": LINE_COLOURS[k % 6], "marker": _MARKERS[k // 6 % 6]}
-            axes.plot(x[here], y[here], lw=LINE_PT, ms=4, label=labels[k] or None, **look)
+            y = numbers(line[name])
+            axes.plot(line[keys[0]], y, lw=LINE_PT, ms=4, label=labels[k] or None, **look)
         style_axes(axes, x_label=keys[0], z_label=DRAWN[name])
 
     names = [name for name in DRAWN if np.isfinite(numbers(table[name])).any()]
@@ -353,5 +348,6 @@ def sweep_figure(keys: tuple[str, ...], table: Mapping[str, list[Any]]) -> Figur
         plots=[Plot(title=DRAWN[name], draw=partial(draw, name=name)) for name in names],
         legend=labels if 1 < len(lines) <= 12 else (),
     )
-    head = f"last of {int(state.max()) + 1} states" if state.max() else "one state"
+    count = int(rows["state"].max()) + 1
+    head = f"last of {count} states" if count > 1 else "one state"
     return panels_figure(panels, head)
