@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from isochrome.estimation import damped_steps, minimise_all, next_damping, solve_all
+from isochrome.estimation import minimise_all, solve_all
 
 X = np.linspace(0.0, 2.0, 30)
 
@@ -58,22 +58,29 @@ def test_a_linear_problem_is_solved_in_one_step():
     normal = np.array([[[4.0, 1.0], [1.0, 3.0]], [[2.0, 0.0], [0.0, 5.0]]])
     wanted = np.array([[1.0, -2.0], [3.0, 0.5]])
     gradient = np.einsum("mij,mj->mi", normal, wanted)
-    found = damped_steps(normal.copy(), gradient, np.zeros(2))
-    np.testing.assert_allclose(found, wanted, rtol=1e-14)
-    halved = damped_steps(normal[1:].copy(), gradient[1:], np.ones(1))
-    np.testing.assert_allclose(halved, wanted[1:] / 2.0, rtol=1e-14)  # diagonal: N + N
+
+    def stepped(damping):
+        found, *_ = minimise_all(
+            lambda values: (np.sum((values - wanted) ** 2, axis=1),),
+            lambda _, now: (normal.copy(), gradient), np.zeros((2, 2)), damping, steps=1,
+        )  # fmt: skip
+        return found
+
+    np.testing.assert_allclose(stepped(np.zeros(2)), wanted, rtol=1e-14)
+    halved = stepped(np.ones(2))
+    np.testing.assert_allclose(halved[1], wanted[1] / 2.0, rtol=1e-14)  # diagonal: N + N
 
 
 def test_damping_keeps_its_limits_and_its_precision():
-    start = np.full(2, 1e-2, np.float32)
-    eased = next_damping(start, np.array([True, False]))
-    assert eased.dtype == np.float32
-    np.testing.assert_allclose(eased, [2e-3, 8e-2], rtol=1e-6)
     at, equations = curves(TRUTH)
     _, _, damping = minimise_all(
         at, equations, START, np.full(4, 1e-2), steps=9, limits=(1e-4, 1.0)
     )
     assert damping.min() >= 1e-4
+    single = np.full(4, 1e-2, np.float32)
+    _, _, eased = minimise_all(at, equations, START.astype(np.float32), single, steps=1)
+    assert eased.dtype == np.float32
+    np.testing.assert_allclose(eased, 2e-3, rtol=1e-6)
 
 
 def test_a_singular_system_is_not_solved_and_leaves_the_others_alone():

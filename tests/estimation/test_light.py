@@ -6,12 +6,11 @@ import pytest
 from isochrome.estimation import (
     LIGHT_FALLS,
     PixelLight,
-    SeparableProblem,
+    Pixels,
     Unevenness,
     frame_light,
     light_sizes,
     prepare,
-    project,
     solve_linear,
     total_degree,
 )
@@ -81,13 +80,13 @@ def test_light_by_its_moments_is_least_squares_of_its_images(ends, terms, stride
         ]
         + [part[::stride, ::stride][keep] * weight for part in below]
     ).T
-    problem = SeparableProblem(image * weight, weight, PixelLight(model.every(stride), keep))
+    problem = Pixels(image, weight, PixelLight(model.every(stride), keep))
     part = solve_linear(problem, signal)
     best, *_ = np.linalg.lstsq(columns, image * weight)
     # images and sums of rows are in single precision, and the light's inverse amplifies by 100
     assert part.residual == pytest.approx(image * weight - columns @ best, abs=1e-5)
     rows = np.array([row, image])
-    project(rows, problem, part)
+    part.project(rows)
     best, *_ = np.linalg.lstsq(columns, np.array([row, image]).T)
     assert rows == pytest.approx(np.array([row, image]) - (columns @ best).T, abs=1e-5)
 
@@ -119,5 +118,5 @@ def test_uneven_light_is_least_squares_with_its_prior_as_data(ends):
     assert part.count == round(np.trace(hat))
     assert part.chi == pytest.approx(np.sqrt(part.known / (part.count - first.sum())))
     rows = problem.data[None].copy()
-    project(rows, problem, part)
+    part.project(rows)
     assert rows[0] == pytest.approx(part.residual, abs=1e-3)

@@ -64,7 +64,7 @@ def test_pixels_whose_fringes_are_off_count_by_what_their_slopes_do_not_know():
     missed = 0.5 * (np.cos(phase) - np.cos(phase + off))
     noise = np.random.default_rng(0).normal(size=phase.shape)
     seen = SimpleNamespace(
-        problem=SimpleNamespace(keep=cols >= 0), part=SimpleNamespace(amplitude=gain),
+        problem=SimpleNamespace(keep=cols >= 0), amplitude=gain,
         residual=(gain * missed + noise).ravel(),
     )  # fmt: skip
     trust = trust_of_slopes(seen).reshape(phase.shape)

@@ -9,7 +9,7 @@ import pytest
 from fitting.engine_frames import prepared
 from isochrome import fitting
 from isochrome.errors import InputError, PhysicsError
-from isochrome.estimation import HALF, Minimum, PixelLight, frame_light, is_explained
+from isochrome.estimation import HALF, Minimum, PixelLight, Pixels, frame_light, is_explained
 from isochrome.fitting.api import asked_for
 from isochrome.fitting.search import search_frame
 from isochrome.frames import Frame, to_linear
@@ -181,7 +181,7 @@ def test_a_disc_is_not_looked_at_near_its_rim_and_its_loads():
 def test_pixels_whose_model_is_near_black_or_white_are_left_out():
     level = np.linspace(0.0, 1.0, 501)
     light = PixelLight(frame_light((1, level.size)), np.ones((1, level.size), bool))
-    pixels = fitting.Pixels(level, np.full(level.size, 50.0), light, 2.0)
+    pixels = Pixels(level, np.full(level.size, 50.0), light, 2.0)
     # 3.5 standard deviations of 0.02 of the stored level, which is the root of the light
     clear = fitting.clear_of_ends(pixels, level**2, 2.0)
     np.testing.assert_array_equal(clear, np.abs(level - 0.5) < 0.5 - 0.07 - 1e-9)

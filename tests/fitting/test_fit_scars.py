@@ -1,10 +1,7 @@
 """Frames and measured scars together: what each says counts by its own noise."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from scipy.optimize import minimize
 
 import isochrome
 import worn_scars
@@ -89,83 +86,25 @@ def test_with_scars_no_value_is_less_sure_than_by_the_frames_alone(tmp_path, dis
     assert not found.warnings
 
 
-def frame_of(scene, keys, values, sensitivity, inputs):
-    """What a frame might say of a scene: ± of 1, 2 and 5 %, of which some are alike."""
-    share = np.array([0.01, 0.02, 0.05])[-len(keys) :] * values
-    alike = 0.6 * np.ones((len(keys), len(keys))) + 0.4 * np.eye(len(keys))
-    noise = alike * np.outer(share, share)
-    covariance = noise + (sensitivity * inputs.spread**2) @ sensitivity.T
-    return fitting.FrameFit(
-        scene=scene.with_values(dict(zip(keys, values.tolist(), strict=True))), keys=keys,
-        values=values, standard_uncertainty=np.sqrt(np.diag(covariance)), covariance=covariance,
-        noise_uncertainty=share, inputs=inputs, sensitivity=sensitivity, cramer_rao_bound=share,
-        information=np.linalg.inv(noise), freedom=1000, chi=1.0, others=(), converged=True,
-        plain=False, positive=True,
-    )  # fmt: skip
-
-
-def both_by_search(fit, load, area, spread, keys):
-    """The least of a frame's misfit and a scar's, W = k P s/t, by a search without derivatives."""
-    scene, distance_mm = fit.scene, 155e3
-    weight = np.linalg.inv(
-        fit.covariance - (fit.sensitivity * fit.inputs.spread**2) @ fit.sensitivity.T
-    )
-
-    def cost(share):
-        values = dict(zip(keys, fit.values * (1.0 + share), strict=True))
-        worn = values[WEAR] * values.get(LOAD, load) * distance_mm / scene.specimen.thickness_mm
-        away = fit.values * share
-        return away @ weight @ away + ((area - worn) / spread) ** 2
-
-    found = minimize(
-        cost, np.zeros(len(keys)), method="Nelder-Mead",
-        options={"xatol": 1e-9, "fatol": 1e-12, "maxiter": 9000, "maxfev": 9000},
-    )  # fmt: skip
-    return fit.values * (1.0 + found.x)
-
-
-def test_a_frames_scar_moves_its_values_to_the_least_misfit_of_both():
-    scene, keys = scene_of([77.0], **TRUTH), (LOAD, FRICTION, WEAR)
-    worn = TRUTH[WEAR] * TRUTH[LOAD] * 155e3 / scene.specimen.thickness_mm
-    area = fitting.MeasuredArea("155.csv", 155.0, 1.04 * worn, 0.02 * worn)
-    fit = frame_of(
-        scene, keys, np.array(list(TRUTH.values())), np.empty((3, 0)), fitting.inputs_of_rows([])
-    )
-    sequence = replace(fitting.make_sequence(scene, 1, keys, ()), areas=(area,))
-    both = fitting.with_scars(fitting.fit_of_each(sequence, [fit]), fit)
-    expected = both_by_search(fit, TRUTH[LOAD], area.area_mm2, area.standard_uncertainty_mm2, keys)
-    # the search ends within 1e-6 of an uncertainty; W's bend over its steps is far below
-    assert np.abs((both.values - expected) / fit.standard_uncertainty).max() < 1e-4
-    row = (
-        np.array([1.0 / TRUTH[LOAD], 0.0, 1.0 / TRUTH[WEAR]]) * worn / area.standard_uncertainty_mm2
-    )
-    exact = np.linalg.inv(np.linalg.inv(fit.covariance) + np.outer(row, row))
-    # the areas' slope at the fitted values, 3 % beside the frame's own
-    np.testing.assert_allclose(both.standard_uncertainty, np.sqrt(np.diag(exact)), rtol=0.03)
-    assert (both.standard_uncertainty <= fit.standard_uncertainty).all()
-
-
-def test_the_budget_of_a_frame_with_scars_holds_what_the_load_does_to_both():
+@pytest.mark.long
+def test_the_budget_of_a_frame_with_scars_holds_what_the_load_does_to_both(tmp_path, one_frame):
     """A load that is held moves what the frame says and what the scar says, which may cancel."""
-    scene, keys = scene_of([77.0], **TRUTH), (FRICTION, WEAR)
-    worn = TRUTH[WEAR] * TRUTH[LOAD] * 155e3 / scene.specimen.thickness_mm
-    area = fitting.MeasuredArea("155.csv", 155.0, worn, 0.03 * worn)
-    inputs = fitting.inputs_of_rows([(LOAD, TRUTH[LOAD], 0.9)])
-    sensitivity = np.array([[-3e-3], [2e-11]])
-    values = np.array([TRUTH[FRICTION], TRUTH[WEAR]])
-    fit = frame_of(scene, keys, values, sensitivity, inputs)
-    sequence = replace(fitting.make_sequence(scene, 1, keys, ()), areas=(area,))
-    both = fitting.with_scars(fitting.fit_of_each(sequence, [fit]), fit)
-    step = 0.05
-    moved = replace(fit, values=values + step * sensitivity[:, 0])
-    ends = [
-        both_by_search(one, load, area.area_mm2, area.standard_uncertainty_mm2, keys)
-        for one, load in ((fit, TRUTH[LOAD]), (moved, TRUTH[LOAD] + step))
-    ]
-    change = (ends[1] - ends[0]) / step
-    told = [item.sensitivity for row in both.budget for item in row if item.input == LOAD]
-    # a one-sided difference over .1 % of the load
-    np.testing.assert_allclose(told, change, rtol=5e-3)
+    scene = scene_of([77.0], **TRUTH)
+    found = []
+    for load in (TRUTH[LOAD], TRUTH[LOAD] + 0.05):
+        stated = scene.with_values({LOAD: {"value": load, "standard_uncertainty": 0.9}})
+        beside = beside_traces(tmp_path, stated, at=(155.0,))
+        found.append(isochrome.fit(one_frame, beside, [FRICTION, WEAR], as_stated=True))
+    ends = [values_of(one) for one in found]
+    told = {
+        budget.key: item.sensitivity
+        for budget in found[0].budget
+        for item in budget.inputs
+        if item.input == LOAD
+    }
+    for key in (FRICTION, WEAR):
+        change = (ends[1][key][0] - ends[0][key][0]) / 0.05
+        assert told[key] == pytest.approx(change, rel=0.1)
 
 
 @pytest.mark.long

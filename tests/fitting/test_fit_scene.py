@@ -90,28 +90,3 @@ def test_a_worn_signal_has_a_derivative_that_a_fit_can_use(key):
     # no better
     difference = (slopes[0] - slopes[1]).astype(float)
     assert np.sqrt(np.mean(difference**2)) < 0.01 * np.sqrt(np.mean(slopes[0].astype(float) ** 2))
-
-
-@pytest.mark.parametrize("stride", [1, 3])
-@pytest.mark.parametrize(
-    ("key", "step"),
-    [
-        ("load.normal_n", 0.1),
-        ("camera.left_mm", 2e-4),
-        ("camera.top_mm", 2e-4),
-        ("camera.roll_deg", 3e-3),
-        ("camera.distortion", 1e-4),
-        ("camera.keystone_z", 1e-4),
-    ],
-)
-def test_a_small_step_beside_a_scene_is_seen_through_a_lens_as_by_splines(stride, key, step):
-    lens = {"camera.roll_deg": 1.0, "camera.distortion": 0.01, "camera.keystone_z": -0.01}
-    scene = parse_scene(SLIDING).with_values(lens)
-    moved = scene.with_values({key: scene.get(key) + step})
-    renderer, other = (SceneRenderer(scene, (120, 160), stride=stride) for _ in range(2))
-    here, _ = renderer.order_field(scene)
-    nearly = (renderer.field_beside(moved) - here)[24 // stride :]
-    exactly = (other.field_alone(moved) - here)[24 // stride :]
-    # of the change: a hundredth is the field's curvature over a strided pixel, and the step's own
-    root_mean_square = np.sqrt(np.mean(np.abs(nearly - exactly) ** 2))
-    assert root_mean_square < 0.02 * np.sqrt(np.mean(np.abs(exactly) ** 2))

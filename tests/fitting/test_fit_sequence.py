@@ -86,14 +86,12 @@ def test_frames_at_one_distance_share_what_the_course_has_there():
 def test_uncertainties_are_those_of_differences_through_the_whole_run():
     truth = scene(wear__law="sarkar", friction__coefficient=RISING)
     frames = rendered(truth)
-    fine = fitting.with_numerics(truth, nodes_per_pixel=2, tolerance=1e-4, room=1.3)
-    sequence = fitting.make_sequence(fine, 6, (WEAR, LOAD), (FRICTION,))
+    sequence = fitting.make_sequence(truth, 6, (WEAR, LOAD), (FRICTION,))
     values = np.array([2e-9, 44.0, *RISING["value"]])
-    renderer = fitting.make_renderer(sequence, fine, (120, 160), 1)
-    region = fitting.fit_region(fine, (120, 160), 1, 4.0)
-    normal = fitting.add_up(
-        frames, sequence, values, renderer=renderer, regions=lambda i: region, progress=lambda: None
-    )
+    problem = fitting.JointProblem(frames, sequence, values, (120, 160))
+    sequence, renderer = problem.sequence, problem.renderer()
+    normal = problem.equations(sequence, values, renderer)
+    region = fitting.fit_region(problem.first[0], (120, 160), 1, 2.0)
     # each unknown moved in the scene of all frames, and every frame rendered again
     steps, whole = 1e-3 * values, sequence.whole(values)
     wanted = np.zeros_like(normal.normal)
@@ -102,7 +100,8 @@ def test_uncertainties_are_those_of_differences_through_the_whole_run():
             (sequence.frame(sequence.whole(ahead), ahead, i),) for ahead in values + np.diag(steps)
         ]
         here = sequence.frame(whole, values, i)
-        part = fitting.linearise_frame(data, here, moved, renderer=renderer, region=region)
+        solved = fitting.solved_along(data, here, moved, renderer=renderer, region=region)
+        part = fitting.frame_equations(*solved[1:])
         wanted += part.normal / np.outer(steps, steps)
     found, exact = (np.sqrt(np.diag(np.linalg.inv(m))) for m in (normal.normal, wanted))
     # 5 %: what a frame owes to its history besides the area that was worn

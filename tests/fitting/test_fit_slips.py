@@ -141,7 +141,7 @@ def test_a_field_of_no_fringe_is_lost_under_any_light(share, lost):
     given = SimpleNamespace(
         fit=SimpleNamespace(positive=True, chi=share * TOO_FAR * 50.0),
         model=SimpleNamespace(pixels=SimpleNamespace(raw=raw, weight=weight)),
-        final=SimpleNamespace(gamma_fit=SimpleNamespace(part=SimpleNamespace(amplitude=[1e4]))),
+        final=SimpleNamespace(gamma_fit=SimpleNamespace(amplitude=[1e4])),
     )
     assert slips.is_lost(given) is lost
 

@@ -40,12 +40,10 @@ UNDETERMINED = 1e-10
 
 
 def gradient_covariance(rows: Array, residual: Array, keep: Mask) -> Array:
-    """The gradient's covariance as the residuals show it, with what neighbours and lines share.
-
-    White's middle Σ r² j jᵀ (p, p), times the residuals' correlation over blocks; and where rows or
-    columns show more than these, what Σ g gᵀ of their sums g = Σ r j along each is more. Source:
-    White (1980), Econometrica 48, 817; for sums along two directions Cameron, Gelbach & Miller
-    (2011), J. Bus. Econ. Stat. 29, 238.
+    """The gradient's covariance as the residuals show it: White's Σ r² j jᵀ (p, p) times their
+    correlation over blocks, and what Σ g gᵀ of the sums g = Σ r j along rows or columns is more.
+    Source: White (1980), Econometrica 48, 817; Cameron, Gelbach & Miller (2011), J. Bus. Econ.
+    Stat. 29, 238.
     """
     weighted = rows * residual
     wider = block_correlation(keep, residual)
@@ -61,9 +59,8 @@ def gradient_covariance(rows: Array, residual: Array, keep: Mask) -> Array:
 
 
 def positive_part(matrix: Array, scale: Array, least: float = 0.0) -> Array:
-    """A symmetric matrix (p, p) without what would make variances less, in units of a scale.
-
-    `least`, the eigenvalue in these up to which a direction is left out.
+    """A symmetric matrix (p, p) without what would make variances less: the directions whose
+    eigenvalue, in units of a scale, is not above the `least`.
     """
     size = np.where(scale > 0.0, scale, 1.0)
     values, vectors = np.linalg.eigh(matrix / np.outer(size, size))
@@ -72,10 +69,8 @@ def positive_part(matrix: Array, scale: Array, least: float = 0.0) -> Array:
 
 
 def sandwich(inverse: Array, middle: Array) -> Array:
-    """Covariance N⁻¹ M N⁻¹ (..., p, p) of least squares whose weights are no inverse variances.
-
-    N⁻¹ inverts the normal equations; M is the gradient's true covariance. Source: White (1980),
-    Econometrica 48, 817-838.
+    """Covariance N⁻¹ M N⁻¹ (..., p, p) of least squares whose weights are no inverse variances,
+    with M of the gradient. Source: White (1980), Econometrica 48, 817-838.
     """
     return np.asarray(inverse @ middle @ inverse)
 
@@ -83,48 +78,38 @@ def sandwich(inverse: Array, middle: Array) -> Array:
 def white_covariance(
     inverse: Array, rows: Array, residual: Array, keep: Mask, *, linear: int
 ) -> Array:
-    """Covariance N⁻¹ M N⁻¹ n/(n - k) of the values, right whatever the weights were.
-
-    M of `gradient_covariance`; `rows` j (p, n) are less what the linear unknowns explain, N = Σ j
-    jᵀ, k = p + linear; all over the noise. Source: MacKinnon & White (1985), J. Econometrics 29,
-    305-325, for n/(n - k).
+    """Covariance N⁻¹ M N⁻¹ n/(n - k) of the values, with M of `gradient_covariance`, N = Σ j jᵀ of
+    `rows` j (p, n) less what the linear unknowns explain, k = p + linear. Source: MacKinnon & White
+    (1985), J. Econometrics 29, 305-325.
     """
     freedom = residual.size / max(1, residual.size - len(rows) - linear)
     return sandwich(inverse, gradient_covariance(rows, residual, keep)) * freedom
 
 
 def jackknife_variance(values: Array) -> Array:
-    """Variance of a value from its estimates (B, ...) with one of B blocks of the data left out.
-
-    (B - 1) var(values), which holds where the pixels of a block depend on each other. Source: Wu
-    (1986), Ann. Statist. 14, 1261-1295; Künsch (1989), Ann. Statist. 17, 1217-1241.
+    """Variance (B - 1) var(values) of a value from its estimates (B, ...) without one of B blocks
+    of the data. Source: Wu (1986), Ann. Statist. 14, 1261; Künsch (1989), ibid. 17, 1217.
     """
     return np.asarray((len(values) - 1) * np.var(values, axis=0))
 
 
 def standard_uncertainty(covariance: Array, determined: Mask) -> Array:
-    """Roots of a covariance's diagonal (p,), inf where an unknown is not determined.
-
-    Of an inverse information F⁻¹ they are the Cramér-Rao bound, below which no unbiased estimate
-    is. Source: Kay (1993), Fundamentals of Statistical Signal Processing I, section 3.7.
+    """Roots of a covariance's diagonal (p,), inf where not determined; of an inverse information
+    the Cramér-Rao bound: Kay (1993), Statistical Signal Processing I, 3.7.
     """
     return np.where(determined, np.sqrt(np.maximum(np.diag(covariance), 0.0)), np.inf)
 
 
 def is_determined(information: Array, squares: Array) -> Mask:
-    """Which unknowns leave an effect that the linear ones cannot take up.
-
-    `information` (p, p) has the linear unknowns eliminated, `squares` (p,) is its diagonal with
-    them known.
+    """Which unknowns leave an effect that the linear ones cannot take up: `information` (p, p) is
+    without these, `squares` (p,) its diagonal with them known.
     """
     return np.asarray(np.diag(information) > UNDETERMINED * squares)
 
 
 def block_correlation(keep: Mask, residual: Array, *, most_px: int = 16) -> float:
-    """Variance of the residuals' sums over blocks of pixels, over that of independent ones.
-
-    Blocks of 4 x 4 pixels, and larger, up to `most_px`, where sums over these show clearly more. 1
-    at least: neighbours that differ more than by chance do not make a value more certain.
+    """Variance of the residuals' sums over blocks of 4 x 4 pixels, or up to `most_px` where larger
+    ones show clearly more, over that of independent ones; 1 at least.
     """
     ratio = 1.0
     for side in (side for side in _SUMS_PX if side <= most_px):
@@ -137,10 +122,8 @@ def block_correlation(keep: Mask, residual: Array, *, most_px: int = 16) -> floa
 
 
 def line_correlation(keep: Mask, residual: Array, axis: int) -> float:
-    """Variance of residuals' sums along rows (axis 1) or columns (0), over independent ones'.
-
-    Many sensors add to each row, or to each column, a noise of its own. 1 where it is no more than
-    chance makes it.
+    """Variance of residuals' sums along rows (axis 1) or columns (0), which many sensors give a
+    noise of their own, over independent ones'; 1 where chance makes as much.
     """
     image = _picture(keep, residual)
     sums, ratio = _sum_ratio(image if axis else image.T)
@@ -148,10 +131,8 @@ def line_correlation(keep: Mask, residual: Array, axis: int) -> float:
 
 
 def line_noise(keep: Mask, residual: Array, axis: int) -> float:
-    """Variance that rows (axis 1) or columns (0) have of their own, over independent pixels' sums.
-
-    By the differences of neighbouring lines: what a model misses hardly changes from one to the
-    next. 1 where each line's pixels are independent.
+    """Variance that rows (axis 1) or columns (0) have of their own, over independent pixels' sums,
+    by differences of neighbours: what a model misses hardly changes from line to line.
     """
     image = _picture(keep, residual)
     sums = image.sum(axis=axis, dtype=float)
@@ -167,12 +148,10 @@ def _sum_ratio(parts: Array) -> tuple[int, float]:
 
 
 def local_noise(keep: Mask, residual: Array, picture: Array) -> float:
-    """Standard deviation of the noise, 1 at least, whatever is wrong with the model.
-
-    A model misses what is smooth over 16 x 16 pixels; noise, even a compressed picture's, is not.
-    So it is what a plane leaves of the residual in a block, or a cubic of the picture, whichever is
-    less: by the mean of the blocks, since compression leaves more where there is more to see. Where
-    a quintic leaves half of them no more than expected, that is the noise.
+    """Standard deviation of the noise, 1 at least, whatever is wrong with the model: what a plane
+    leaves of the residual in 16 x 16 pixels, or a cubic of the picture, whichever is less, by the
+    blocks' mean, since compression leaves more where there is more to see. 1 where a quintic leaves
+    half of the blocks no more than expected.
     """
     residual_blocks, picture_blocks = _whole_blocks(keep, residual, picture)
     if len(residual_blocks) < _FEWEST:
@@ -185,10 +164,8 @@ def local_noise(keep: Mask, residual: Array, picture: Array) -> float:
 
 
 def local_correlation(keep: Mask, residual: Array) -> float:
-    """`block_correlation` of the noise alone, over 4 x 4 pixels, whatever is wrong with the model.
-
-    Of what a plane leaves of the residual in 16 x 16 pixels, by the median of these: compression
-    takes the fine part of the noise and keeps the coarse one, which means over blocks have.
+    """`block_correlation` over 4 x 4 pixels of what a plane leaves of the residual in 16 x 16, by
+    the median: compression takes the noise's fine part and keeps the coarse one.
     """
     (blocks,) = _whole_blocks(keep, residual)
     if len(blocks) < _FEWEST:

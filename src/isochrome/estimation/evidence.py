@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
+from scipy.sparse import csr_array
 from scipy.special import log_ndtr
 
 from isochrome.estimation.covariance import jackknife_variance, positive_part
@@ -109,10 +110,8 @@ def _cosines_along(pixels: int, count: int) -> NDArray[np.float32]:
 
 def cosine_spread(count: int, width: float) -> Array:
     """Standard deviations (count²,) of such products in a Gaussian process of variance 1 and a
-    length of `width`, of the picture's size, by the spectrum of Matérn's 3/2.
-
-    A smoother one takes its own smoothness for knowledge. Source: Rasmussen & Williams (2006),
-    Gaussian Processes for Machine Learning, section 4.2.1.
+    length of `width` pictures with Matérn's 3/2 spectrum: a smoother one takes its smoothness for
+    knowledge. Source: Rasmussen & Williams (2006), Gaussian Processes for ML, 4.2.1.
     """
     number = np.arange(count)
     square = np.add.outer(number**2, number**2) * (np.pi * width / (1.0 + 2.0 * _BEYOND)) ** 2
@@ -212,9 +211,8 @@ class Weighed:
 
     @cached_property
     def undecided(self) -> Array:
-        """What the covariance (p, p) of all unknowns lacks for what is neither shown nor excluded.
-
-        The second moments over the sets about what is fitted, less what is counted.
+        """What the covariance (p, p) lacks for what is neither shown nor excluded: second moments
+        over the sets about what is fitted, less what is counted.
         """
         total = self.sets.moments(self.along, self.now) - self.counted
         return positive_part(total, np.sqrt(np.maximum(np.diag(total), 0.0)))
@@ -233,10 +231,8 @@ class Regions:
     residual: Array
 
     def variance(self, weighed: Weighed) -> Array:
-        """Variance (p,) of the unknowns beside the likeliest set, by the jackknife.
-
-        What leaves one region after another out: a prior's form is an assumption, and where it is
-        wrong one part of a picture says something else than another. Source: Efron & Stein (1981),
+        """Variance (p,) of the unknowns beside the likeliest set by the jackknife over regions:
+        where a prior's form is wrong, parts of a picture disagree. Source: Efron & Stein (1981),
         Ann. Stat. 9, 586.
         """
         evidence = weighed.evidence
@@ -267,11 +263,9 @@ def weighed(
     unknowns: NDArray[np.intp],
     size: int,
 ) -> Weighed:
-    """Nuisances by the products of their columns, one after the other, with what is fitted to all.
-
-    `noise`, its variance over what the products have; `fitted`, what is by name; `chance` of each
-    to be there; `unknowns`, those that the first fitted columns of the products are of, of `size`
-    in all.
+    """Nuisances by the products of their columns, each there with a `chance`; `noise`, its variance
+    over the products'; `fitted`, what is by name; `unknowns` of `size` in all, those that the first
+    fitted columns are of.
     """
     matrix = positive_part(products.matrix, np.sqrt(products.size), TAKEN) / noise
     now = np.concatenate([n.now for n in nuisances])
@@ -325,26 +319,16 @@ class Evidence:
             self.forms[of_form[key], hypothesis.columns] = hypothesis.form.T
         # with the right side below the matrix one factorisation solves, too; the corner is enough
         # for any set: the prior's part is the unit matrix
-        below = self.forms @ right
-        self._matrix = np.zeros((len(below) + 1, len(below) + 1))
-        # thing by thing, whose forms follow one another: each has few of all columns
-        things: dict[str, tuple[slice, slice]] = {}
-        for key, hypothesis in forms.items():
-            first = things.get(hypothesis.name, (slice(of_form[key].start, 0),))[0].start
-            things[hypothesis.name] = slice(first, of_form[key].stop), hypothesis.columns
-        for rows, of_rows in things.values():
-            part = self.forms[rows, of_rows] @ matrix[of_rows]
-            for others, columns in things.values():
-                self._matrix[rows, others] += part[:, columns] @ self.forms[others, columns].T
-        self._matrix[-1, :-1] = self._matrix[:-1, -1] = below
+        half = csr_array(self.forms)
+        below = half @ right
         each = [h.size * below[at] for h, at in zip(self.hypotheses, self.places, strict=True)]
-        self._matrix[-1, -1] = 2.0 * sum(float(part @ part) for part in each)
+        corner = np.array([[2.0 * sum(float(part @ part) for part in each)]])
+        products = half @ (half @ matrix).T
+        self._matrix = np.block([[products, below[:, None]], [below, corner]])
         few = [k for k, place in enumerate(self.places) if len(place) <= _FEW]
         ends = np.cumsum([0, *(len(self.places[k]) for k in few)]).tolist()
         self._few = {k: range(*pair) for k, pair in zip(few, pairwise(ends), strict=True)}
-        self._widest = max(self.hypotheses, key=lambda h: h.form.shape[1]).name
         self._eliminated: dict[tuple[int, ...], tuple[Array, float]] = {}
-        self._less_widest: dict[int, tuple[Array, NDArray[np.intp], float]] = {}
 
     def places_of(self, chosen: Sequence[int]) -> tuple[NDArray[np.intp], Array]:
         """Places (r,) of a set's amplitudes among all `forms`, and the sizes (r,) of these."""
@@ -352,35 +336,13 @@ class Evidence:
         sizes = [np.full(len(self.places[k]), self.hypotheses[k].size) for k in chosen]
         return at, np.concatenate([np.zeros(0), *sizes])
 
-    def _sized(self, chosen: Sequence[int], beside: int | None = None) -> tuple[Array, float]:
-        """1 + L' M L of a set (r + 1, r + 1), with the right side below it, and ln E of what it
-        stands `beside`, which is taken off it.
-        """
+    def _sized(self, chosen: Sequence[int]) -> Array:
+        """1 + L' M L of a set (r + 1, r + 1), with the right side below it."""
         at, size = self.places_of(chosen)
         every, size = np.r_[at, len(self._matrix) - 1], np.r_[size, 1.0]
-        matrix, where, log = self._matrix, np.arange(len(self._matrix)), 0.0
-        if beside is not None:
-            matrix, where, log = self._less(beside)
-        matrix = matrix.take(where[every], 0).take(where[every], 1) * size * size[:, None]
+        matrix = self._matrix.take(every, 0).take(every, 1) * size * size[:, None]
         matrix.flat[:: len(every) + 1] += 1.0
-        return np.asarray(matrix), log
-
-    def _less(self, one: int) -> tuple[Array, NDArray[np.intp], float]:
-        """What one way of the widest thing leaves of the matrix of all others, where each place
-        stands there, and its own ln E: most sets differ by the others.
-        """
-        if one not in self._less_widest:
-            of_thing = [k for k, h in enumerate(self.hypotheses) if h.name == self._widest]
-            others = np.ones(len(self._matrix), bool)
-            others[np.concatenate([self.places[k] for k in of_thing])] = False
-            at, size = self.places_of((one,))
-            matrix, log = _eliminated(
-                self._sized((one,))[0][:-1, :-1],
-                self._matrix[at][:, others] * size[:, None],
-                self._matrix[np.ix_(others, others)],
-            )
-            self._less_widest[one] = matrix, np.cumsum(others) - 1, log
-        return self._less_widest[one]
+        return np.asarray(matrix)
 
     def of(self, chosen: Sequence[int]) -> float:
         """ln E of a set over that of the empty one; -inf where it cannot be."""
@@ -403,7 +365,7 @@ class Evidence:
         """The means (r,) of a set's amplitudes, and the Cholesky factor of their inverse covariance
         (r, r); of a positive one the mean of what is positive of it.
         """
-        factor = np.linalg.cholesky(self._sized(chosen)[0])
+        factor = np.linalg.cholesky(self._sized(chosen))
         half, white = factor[:-1, :-1], factor[-1, :-1]
         mean = solve_triangular(half.T, white, lower=False)
         for j in np.flatnonzero(self._positive(chosen)):
@@ -433,36 +395,22 @@ class Evidence:
         return np.array([flag for flags_of in flags for flag in flags_of], dtype=bool).reshape(-1)
 
     def _beside_large(self, large: tuple[int, ...]) -> tuple[Array, float]:
-        """What hypotheses of many amplitudes leave of the matrix of those of few; their own ln E.
-
-        Sets differ by few more often: what is large is eliminated once.
+        """What hypotheses of many amplitudes leave of the matrix of those of few, once for all sets
+        that have them; their own ln E.
         """
         if large not in self._eliminated:
-            widest = next((k for k in large if self.hypotheses[k].name == self._widest), None)
-            matrix, log = self._sized([k for k in (*large, *self._few) if k != widest], widest)
-            count = sum(len(self.places[k]) for k in large if k != widest)
-            left, more = _eliminated(
-                matrix[:count, :count], matrix[:count, count:], matrix[count:, count:]
-            )
-            self._eliminated[large] = left, log + more
+            matrix = self._sized((*large, *self._few))
+            count = sum(len(self.places[k]) for k in large)
+            half = np.linalg.cholesky(matrix[:count, :count])
+            white = solve_triangular(half, matrix[:count, count:], lower=True)
+            log = 0.5 * float(white[:, -1] @ white[:, -1]) - float(np.log(np.diag(half)).sum())
+            self._eliminated[large] = matrix[count:, count:] - white.T @ white, log
         return self._eliminated[large]
 
 
-def _eliminated(matrix: Array, beside: Array, others: Array) -> tuple[Array, float]:
-    """What amplitudes (n, n) leave of others (m, m), products of both (n, m), the right side the
-    last of these; and their ln E.
-    """
-    half = np.linalg.cholesky(matrix)
-    white = solve_triangular(half, beside, lower=True)
-    log = 0.5 * float(white[:, -1] @ white[:, -1]) - float(np.log(np.diag(half)).sum())
-    return others - white.T @ white, log
-
-
 def weigh(evidence: Evidence, *, given: Sequence[int] = (), without: Collection[str] = ()) -> Sets:
-    """All likely sets with up to four members, found by changing one thing of the likeliest ones.
-
-    `given`: a set that is begun with besides none, such as what is fitted already; `without`, the
-    names of what no set has.
+    """All likely sets with up to four members, found by changing one thing of the likeliest ones,
+    from none and from a `given` one; `without` the things of some names.
     """
     found: dict[frozenset[int], float] = {frozenset(): 0.0}
     found[frozenset(given)] = evidence.of(tuple(given))

@@ -15,16 +15,14 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations_with_replacement
 from math import sqrt
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Generic, Protocol, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from isochrome.errors import InputError
+from isochrome.estimation.covariance import Array, Mask
 from isochrome.estimation.light import LightModel, PixelLight
-
-Array = NDArray[Any]
-Mask = NDArray[np.bool_]
 
 MOSTLY = 0.05
 """Share of pixels whose illumination may be negative before the contrast counts as wrong."""
@@ -35,17 +33,21 @@ _CUTOFF = {4: 1e-6, 8: 1e-12}
 
 
 @dataclass(frozen=True)
-class SeparableProblem:
-    """A frame's n valid pixels, and the `light` that they are held against."""
+class Pixels:
+    """Pixels of a frame (n,): `raw`, fraction of full scale, and `weight` = 1/sigma.
 
-    data: Array  # (n,), weighted
-    weight: Array  # (n,), 1/sigma
+    `light`, what they are held against; `gamma`, the frame's exponent where it is not an unknown.
+    """
+
+    raw: Array
+    weight: Array
     light: PixelLight
+    gamma: float = 1.0
 
     @property
     def size(self) -> int:
-        """Number of valid pixels."""
-        return self.data.size
+        """Number of pixels."""
+        return self.raw.size
 
     @property
     def keep(self) -> Mask:
@@ -53,35 +55,65 @@ class SeparableProblem:
         return self.light.keep
 
     @property
+    def data(self) -> Array:
+        """Their levels (n,) over the noise."""
+        return np.asarray(self.raw * self.weight)
+
+    @property
     def columns(self) -> tuple[Array, Array]:
         """What illumination (ka, n) and background (kc, n) are sums of, weighted: of few pixels."""
         light, dark = self.light.model.columns(self.keep)
         return light * self.weight, dark * self.weight
 
+    def some(self, chosen: Mask) -> Pixels:
+        """Fewer of them: `chosen` (n,)."""
+        keep = self.keep.copy()
+        keep[keep] = chosen
+        light = PixelLight(self.light.model, keep)
+        return Pixels(self.raw[chosen], self.weight[chosen], light, self.gamma)
+
 
 @dataclass(frozen=True, kw_only=True)
 class LinearPart:
-    """Coefficients (a, c) for one signal, and the weighted residual they leave."""
+    """The light of pixels that fits best for one signal, and the residual it leaves."""
 
+    problem: Pixels
     coefficients: Array  # (k,), the illumination's, then the background's
     signal: Array  # (n,), solved for
-    weights: Array  # (k,), 1/u^2 of what is known of the coefficients
     normal: Array  # (k, k), the weighted columns' Gram matrix
-    cutoff: float  # of its eigenvalues, with the weights: see `scaled_inverse`
     amplitude: Array  # (n,), the weighted illumination
-    residual: Array  # (n,), weighted
-    cost: float  # the residual's sum of squares
-    negative_share: float  # share of pixels whose illumination is not positive
+    model: Array  # (n,), the light
+    residual: Array  # (n,), over noise
+
+    @cached_property
+    def cost(self) -> float:
+        """Sum of the squared residuals over noise."""
+        return float(np.sum(np.square(self.residual), dtype=float))
 
     @property
+    def noise(self) -> float:
+        """The residuals' variance over that of the noise, 1 at least."""
+        return self.noise_of(self.count)
+
+    def noise_of(self, count: int) -> float:
+        """The same where the light's coefficients are known to be so many."""
+        return max(1.0, self.cost / max(1, self.residual.size - count))
+
+    @cached_property
     def positive(self) -> bool:
         """Whether the illumination is positive over (nearly) the whole frame."""
-        return self.negative_share <= MOSTLY
+        return bool(np.count_nonzero(self.amplitude <= 0.0) <= MOSTLY * self.amplitude.size)
+
+    @property
+    def weights(self) -> Array:
+        """1/u^2 (k,) of what is known of the coefficients."""
+        return self.problem.light.model.weights
 
     @cached_property
     def inverse(self) -> Array:
         """Of the normal equations, the weights in them (k, k): only slopes ask for it."""
-        return scaled_inverse(self.normal + np.diag(self.weights), self.cutoff)
+        cutoff = _CUTOFF[self.problem.weight.dtype.itemsize]
+        return scaled_inverse(self.normal + np.diag(self.weights), cutoff)
 
     @property
     def count(self) -> int:
@@ -101,6 +133,13 @@ class LinearPart:
         """What the coefficients add to the squares by what is known of them."""
         return float(self.weights @ self.coefficients**2)
 
+    def project(self, rows: Array) -> None:
+        """Take off what illumination and background explain of derivatives J (p, n), in place: with
+        a prior's V they leave P = (1 + L V L')^-1 of data, whose squares P J are derivatives of.
+        """
+        weight = self.problem.weight
+        self.problem.light.take_off(rows, weight * self.signal, weight, self.inverse)
+
 
 STEP = 1e-4
 """Difference step in units of a parameter's scale; fits responses in single precision as well."""
@@ -114,52 +153,35 @@ class Minimum:
     chi: float
 
 
-def prepare(
-    image: ArrayLike, *, mask: Mask | None, sigma: ArrayLike, light: LightModel
-) -> SeparableProblem:
-    """Drop the masked pixels (None: those not finite), weight the rest by 1/sigma.
-
-    InputError where no pixel is valid, or a sigma is not positive.
+def prepare(image: ArrayLike, *, mask: Mask | None, sigma: ArrayLike, light: LightModel) -> Pixels:
+    """Drop the masked pixels (None: those not finite), weight the rest by 1/sigma; InputError where
+    none is valid, or a sigma is not positive.
     """
     frame = np.asarray(image, dtype=float)
     keep = np.isfinite(frame) if mask is None else np.asarray(mask, dtype=bool) & np.isfinite(frame)
     noise = np.broadcast_to(np.asarray(sigma, dtype=float), frame.shape)[keep]
     if not keep.any() or not np.all(noise > 0):
         raise InputError("no_valid_pixel_sigma")
-    return SeparableProblem(frame[keep] / noise, 1.0 / noise, PixelLight(light, keep))
+    return Pixels(frame[keep], 1.0 / noise, PixelLight(light, keep))
 
 
-def solve_linear(problem: SeparableProblem, signal: Array) -> LinearPart:
+def solve_linear(pixels: Pixels, signal: Array) -> LinearPart:
     """Illumination and background that fit best for a signal (n,), the ideal polariscope's 0..1."""
-    light, weight = problem.light, problem.weight
-    lit = weight * signal
-    normal, right = light.equations(lit, weight, problem.data)
-    weights, cutoff = light.model.weights, _CUTOFF[weight.dtype.itemsize]
-    coefficients = scaled_solution(normal + np.diag(weights), right, cutoff)
-    amplitude, background = (weight * part for part in light.of(coefficients))
-    residual = problem.data - amplitude * signal
-    residual -= background
+    light, weight, data = pixels.light, pixels.weight, pixels.data
+    normal, right = light.equations(weight * signal, weight, data)
+    known = normal + np.diag(light.model.weights)
+    coefficients = scaled_solution(known, right, _CUTOFF[weight.dtype.itemsize])
+    illumination, background = light.of(coefficients)
+    model = illumination * signal + background
     return LinearPart(
+        problem=pixels,
         coefficients=coefficients,
         signal=signal,
-        weights=weights,
         normal=normal,
-        cutoff=cutoff,
-        amplitude=amplitude,
-        residual=residual,
-        cost=float(np.sum(np.square(residual), dtype=float)),
-        negative_share=np.count_nonzero(amplitude <= 0.0) / amplitude.size,
+        amplitude=weight * illumination,
+        model=model,
+        residual=data - weight * model,
     )
-
-
-def project(rows: Array, problem: SeparableProblem, part: LinearPart) -> None:
-    """Take off what illumination and background explain of derivatives (p, n), in place.
-
-    What is known of their coefficients makes a smoother of them: with their covariance V they leave
-    r = P (d - m), P = (1 + L V L')^-1, whose squares the derivatives P J are those of.
-    """
-    weight = problem.weight
-    problem.light.take_off(rows, weight * part.signal, weight, part.inverse)
 
 
 def linear_costs(light: Array, dark: Array, data: Array, signals: Array) -> tuple[Array, Array]:
@@ -191,10 +213,8 @@ def linear_costs(light: Array, dark: Array, data: Array, signals: Array) -> tupl
 
 
 def scaled_inverse(matrix: Array, cutoff: float = 1e-12) -> Array:
-    """Pseudo-inverse of normal equations (k, k), scaled to a unit diagonal first.
-
-    The unknowns' units may differ by many powers of ten. Directions whose eigenvalue, 1 in the
-    mean, is below the cutoff are dropped.
+    """Pseudo-inverse of normal equations (k, k), whose units may differ by powers of ten: scaled to
+    a unit diagonal, without directions of an eigenvalue below the cutoff.
     """
     from scipy.linalg.lapack import dpotri
 
@@ -272,10 +292,7 @@ class Damping:
     least: float = 0.0
 
     def lighter(self, gained: float, promised: float) -> Damping:
-        """The damping after a step that was taken, from what it gained and had promised to.
-
-        Equation: λ max(1/100, 1 - (2 gained/promised - 1)³).
-        """
+        """The damping after a step that was taken, λ max(1/100, 1 - (2 gained/promised - 1)³)."""
         # a step that was cut at a bound may promise nothing at all
         ratio = gained / promised if promised > 0.0 else 0.0
         easier = max(_EASIEST, 1.0 - (2.0 * ratio - 1.0) ** 3)
@@ -322,9 +339,8 @@ def damped(normal: Array, damping: float) -> Array:
 def damped_step(
     normal: Array, gradient: Array, damping: float, free: Mask, *, cutoff: float = CUTOFF
 ) -> Array:
-    """The step of the free unknowns, of normal equations N and g; 0 for the others.
-
-    `cutoff`: eigenvalue below which no step is taken, see `scaled_inverse`.
+    """The step of the free unknowns, of normal equations N and g, 0 for the others; `cutoff` as of
+    `scaled_inverse`.
     """
     step = np.zeros(len(gradient))
     moved = np.flatnonzero(free)
@@ -351,11 +367,10 @@ def minimise(
     bounds: Bounds | None = None,
     cut: Callable[[Array, Array], Array] | None = None,
 ) -> Descent[P]:
-    """Take steps from a point to the least sum of squares near it.
-
-    `at`: from values (p,) to the point there, None where there is none; `enough`: from a point to
-    the promised gain below which it is the end; `better`: of a new and the old point, by default
-    less cost; `cut`: from values and a step to the step that is taken, by default up to the bounds.
+    """Take steps from a point to the least sum of squares near it. `at`: from values (p,) to the
+    point there, or None; `enough`: the promised gain below which a point is the end; `better`: of a
+    new and the old point, by default less cost; `cut`: the part of a step from values that is
+    taken, by default up to the bounds.
     """
     anywhere = np.full(values.size, np.inf)
     bounds = bounds or Bounds(-anywhere, anywhere)
@@ -383,14 +398,6 @@ EASED, STIFFENED = 0.2, 8.0
 """What a damping is multiplied by after a step that was taken, and after one that was not."""
 
 
-def next_damping(damping: Array | float, better: Mask | bool) -> Array:
-    """The damping λ (m,) after steps of which those are taken that were better, lowered the cost.
-
-    Less after a step that was taken, more after one that was not.
-    """
-    return np.where(better, EASED * damping, STIFFENED * damping)
-
-
 def solve_all(matrices: Array, right: Array) -> Array:
     """Solve m systems A x = b, (m, p, p) and (m, p, q); a singular one is NaN and leaves the others
     alone.
@@ -404,16 +411,6 @@ def solve_all(matrices: Array, right: Array) -> Array:
         return solution
 
 
-def damped_steps(normal: Array, gradient: Array, damping: Array) -> Array:
-    """Damped steps s (m, p) of m problems, (N + λ diag N) s = g, NaN where N is singular.
-
-    `normal` N (m, p, p) is damped in place.
-    """
-    diagonal = np.arange(normal.shape[-1])
-    normal[:, diagonal, diagonal] *= 1.0 + damping[:, None]
-    return np.asarray(solve_all(normal, gradient[..., None])[..., 0])
-
-
 def minimise_all(
     at: Callable[[Array], State],
     equations: Callable[[Array, State], tuple[Array, Array]],
@@ -423,24 +420,23 @@ def minimise_all(
     steps: int,
     limits: tuple[float, float] = (0.0, np.inf),
 ) -> tuple[Array, State, Array]:
-    """Take steps of m problems at once, each where it lowers the problem's cost.
+    """Take damped steps of m problems at once, each where it lowers the problem's cost.
 
     `at`: from values (m, p) to arrays (m, ...), the costs (m,) first; `equations`: from values and
-    these to N (m, p, p) and g (m, p); `limits`: least and largest damping λ. Returns where the
-    steps ended: values, what `at` says there, λ (m,).
+    these to N (m, p, p), which is damped in place, and g (m, p); `limits`: least and largest
+    damping λ. Returns where the steps ended: values, what `at` says there, λ (m,).
     """
-    now = at(values)
+    now, diagonal = at(values), np.arange(values.shape[-1])
     for _ in range(steps):
         normal, gradient = equations(values, now)
-        trial = values + damped_steps(normal, gradient, damping).astype(values.dtype)
+        normal[:, diagonal, diagonal] *= 1.0 + damping[:, None]
+        trial = values + solve_all(normal, gradient[..., None])[..., 0].astype(values.dtype)
         new = at(trial)
         better = new[0] < now[0]
-        values = where_better(better, trial, values)
-        now = tuple(where_better(better, n, o) for n, o in zip(new, now, strict=True))
-        damping = np.clip(next_damping(damping, better), *limits)
+        values, *others = (
+            np.where(better.reshape(-1, *[1] * (one.ndim - 1)), one, other)
+            for one, other in zip((trial, *new), (values, *now), strict=True)
+        )
+        now = tuple(others)
+        damping = np.clip(np.where(better, EASED * damping, STIFFENED * damping), *limits)
     return values, now, damping
-
-
-def where_better(better: Mask, new: Array, old: Array) -> Array:
-    """Rows of `new` (m, ...) where a step was taken, of `old` where it was not."""
-    return np.where(better.reshape(-1, *[1] * (new.ndim - 1)), new, old)

@@ -15,13 +15,13 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from itertools import combinations_with_replacement, pairwise
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import DTypeLike, NDArray
+from numpy.typing import DTypeLike
 
-Array = NDArray[Any]
-Mask = NDArray[np.bool_]
+from isochrome.estimation.covariance import Array, Mask
+
 Degrees = tuple[Array, Array]
 
 Terms = tuple[tuple[int, int], ...]
@@ -83,17 +83,15 @@ class LightModel:
     @cached_property
     def weights(self) -> Array:
         """1/u^2 (k,) of the coefficients, nought of those that may have any size."""
-        light, dark = map(len, self.first)
-        weights = np.zeros(self.unknowns)
-        if self.uneven is not None:
-            sizes = self.uneven.brightness * np.array(light_sizes(self.terms, self.uneven.fall))
-            split = len(self.terms[0])
-            if self.shade is not None:
-                sizes[:split] /= self.shade.mean()
-            weights[light:split] = sizes[light:split] ** -2.0
-            more = len(self.terms[1]) - dark
-            weights[len(weights) - more :] = sizes[len(sizes) - more :] ** -2.0
-        return weights
+        if self.uneven is None:
+            return np.zeros(self.unknowns)
+        split, (light, dark) = len(self.terms[0]), map(len, self.first)
+        sizes = self.uneven.brightness * np.array(light_sizes(self.terms, self.uneven.fall))
+        if self.shade is not None:
+            sizes[:split] /= self.shade.mean()
+        weights = sizes**-2.0
+        weights[:light] = weights[split : split + dark] = 0.0
+        return weights if self.dark is None else np.insert(weights, split, 0.0)
 
     @property
     def unknowns(self) -> int:
@@ -167,11 +165,9 @@ class LightModel:
 
 @dataclass(frozen=True)
 class PixelLight:
-    """The light of a frame at the pixels (n,) that are kept (rows, cols), by its moments.
-
-    Its columns are products P_i(y) P_j(x), and neither they nor their sums are made one by one: as
-    P_i P_j = sum_l c_ijl P_l, sums over pixels of v times two of them follow from the moments
-    sum v P_a(y) P_b(x), and a hundred of them cost little more than six.
+    """The light of a frame at the pixels (n,) that are kept (rows, cols), by its moments: as P_i
+    P_j = sum_l c_ijl P_l, sums over pixels of v times two products of P follow from those of v
+    P_a(y) P_b(x), and a hundred products cost little more than six.
     """
 
     model: LightModel
@@ -181,12 +177,6 @@ class PixelLight:
     def split(self) -> int:
         """How many coefficients are the illumination's, which come first."""
         return len(self.model.terms[0])
-
-    def some(self, chosen: Mask) -> PixelLight:
-        """The light of fewer pixels: `chosen` (n,) of them."""
-        keep = self.keep.copy()
-        keep[keep] = chosen
-        return PixelLight(self.model, keep)
 
     @cached_property
     def _used(self) -> tuple[LightModel, Mask]:
@@ -301,18 +291,17 @@ def frame_light(
     terms: tuple[Terms, Terms] | None = None,
     uneven: Unevenness | None = None,
 ) -> LightModel:
-    """The light of a frame that is fitted with a scene.
-
-    With both no-load frames the illumination is their difference times a plane, and the background
-    the dark one plus a constant; polynomials, by default of the lowest degrees, stand for what is
-    missing.
+    """The light of a frame that is fitted with a scene: of no-load frames the difference times a
+    plane, and the dark one plus a constant; polynomials of `terms`, by default of the lowest
+    degrees, stand for what is missing.
     """
     if terms is None:
         even = 1 if bright is not None and dark is None else EVEN
         terms = total_degree(UNEVEN if bright is None else 1), total_degree(even)
     every = _all_terms(terms, uneven)
     degree = max(degree for part in every for pair in part for degree in pair)
-    down, across = (np.polynomial.legendre.legvander(_unit(n), 2 * degree).T for n in shape)
+    ends = (np.linspace(-1.0, 1.0, n) if n > 1 else np.zeros(1) for n in shape)
+    down, across = (np.polynomial.legendre.legvander(end, 2 * degree).T for end in ends)
     return LightModel(terms, down, across, dark, bright, uneven)
 
 
@@ -339,33 +328,22 @@ def light_sizes(terms: tuple[Terms, Terms], fall: float) -> list[float]:
 
 @lru_cache(maxsize=8)
 def light_basis(shape: tuple[int, int], terms: Terms) -> Array:
-    """Legendre products (k, rows, cols) of a frame's light, float32, the same for a size.
-
-    The last ones are kept, and cannot be written to.
+    """Legendre products (k, rows, cols) of a frame's light, float32; the last ones are kept, and
+    cannot be written to.
     """
-    degree = max((max(pair) for pair in terms), default=0)
-    ends = (np.polynomial.legendre.legvander(_unit(n), degree).T for n in shape)
-    rows, cols = (end.astype(np.float32) for end in ends)
-    basis = np.empty((len(terms), *shape), np.float32)
-    for member, (i, j) in zip(basis, terms, strict=True):
-        np.multiply(rows[i][:, None], cols[j][None, :], out=member)
+    basis = frame_light(shape, terms=(terms, terms)).illumination(np.eye(len(terms)))
     basis.flags.writeable = False
     return basis
 
 
 def channel_light(rows: int, cols: int) -> Array:
-    """What a colour channel's light is a sum of, (6, rows, cols): 1, y, x, y², x², xy.
-
-    The even light is first; y and x go from -1 to 1 between the frame's edges.
+    """What a colour channel's light is a sum of, (6, rows, cols): 1, y, x, y², x², xy, with y and x
+    from -1 to 1 between the frame's edges.
     """
     y = (2.0 * np.arange(rows) + 1.0)[:, None] / rows - 1.0
     x = (2.0 * np.arange(cols) + 1.0)[None, :] / cols - 1.0
     y, x = np.broadcast_arrays(y, x)
     return np.stack([np.ones(y.shape), y, x, y * y, x * x, x * y])
-
-
-def _unit(count: int) -> Array:
-    return np.linspace(-1.0, 1.0, count) if count > 1 else np.zeros(1)
 
 
 TAKEN = 1e-6

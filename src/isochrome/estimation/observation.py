@@ -7,14 +7,11 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from isochrome.estimation.covariance import Array, Mask
 from isochrome.estimation.light import LightModel, frame_light
 from isochrome.frames import Frame, Linear, NoiseModel, estimate_noise, full_scale, to_linear
 from isochrome.scene import Scene
-
-Array = NDArray[Any]
-Mask = NDArray[np.bool_]
 
 LEVEL_PX, _LEVEL_WINDOW = 1.5, (13, 13)
 """Standard deviation of the Gaussian mean that tells the grey level about a pixel where no model
@@ -89,9 +86,8 @@ class FrameData(Observation):
         return replace(self, lamp=frame_light((rows, cols), dark, bright), **parts)
 
     def in_blocks(self, side: int) -> FrameData:
-        """Means over blocks of `side` by `side` pixels, an odd number, about every `side`-th one.
-
-        Valid are those whose pixels all are.
+        """Means over blocks of `side` by `side` pixels, an odd number, about every `side`-th one;
+        valid are those whose pixels all are.
         """
         import cv2
 
@@ -161,10 +157,8 @@ def prepare_frame(
     gamma_found: bool = False,
     noise: NoiseModel | None = None,
 ) -> FrameData:
-    """Observe a frame, with the light that its scene is to be held against, as in `frame_light`.
-
-    `gamma_found`: an unknown gamma is going to be found, and is 1 until then; else InputError, as
-    on a blank frame. `noise`: by default the frame itself tells it.
+    """Observe a frame, with the light of `frame_light`; its noise by default as the frame tells it.
+    An unknown gamma is 1 where it is going to be found (`gamma_found`), else InputError.
     """
     gamma = scene.frames.first_gamma if gamma_found else scene.frames.stated_gamma
     observed = observe(

@@ -151,30 +151,25 @@ def less_explained(
     )
 
 
-def budget_of(
-    noise: float, inputs: tuple[tuple[str, float, float], ...], sensitivity: Array
-) -> tuple[BudgetInput, ...]:
-    """The budget of one value, the largest share first: the noise, and each input.
-
-    An input is its key, stated value and standard uncertainty; `sensitivity` (m,) is the change of
-    the value over theirs.
-    """
-    rows = [(*row, float(c)) for row, c in zip(inputs, sensitivity, strict=True)]
-    return budget_items([(NOISE, None, noise, 1.0), *rows])
-
-
 def budgets_of(
     noise: Array, inputs: tuple[tuple[str, float, float], ...], sensitivity: Array
 ) -> tuple[tuple[BudgetInput, ...], ...]:
-    """The budget of each of some values (p,), empty ones where there are no inputs."""
-    pairs = zip(noise.tolist(), sensitivity, strict=True)
-    return tuple(budget_of(noise_of, inputs, row) if inputs else () for noise_of, row in pairs)
+    """The budget of each of some values (p,), empty without inputs (key, value, standard
+    uncertainty); `sensitivity` (p, m), the values' change over theirs, NaN where an input is none
+    of a value.
+    """
+    if not inputs:
+        return ((),) * len(noise)
+    budgets = []
+    for noise_of, row in zip(noise.tolist(), sensitivity.tolist(), strict=True):
+        items = [(*one, c) for one, c in zip(inputs, row, strict=True) if not np.isnan(c)]
+        budgets.append(budget_items([(NOISE, None, noise_of, 1.0), *items]))
+    return tuple(budgets)
 
 
 def budget_items(rows: Sequence[BudgetRow]) -> tuple[BudgetInput, ...]:
-    """The budget of inputs, each its key, value, uncertainty and sensitivity; largest share first.
-
-    Shares are NaN where a part is not finite.
+    """The budget of inputs, each its key, value, uncertainty and sensitivity; largest share first,
+    NaN shares where a part is not finite.
     """
     parts = np.array([u * c for _, _, u, c in rows])
     shares = variance_shares(parts) if np.all(np.isfinite(parts)) else np.full(len(rows), np.nan)

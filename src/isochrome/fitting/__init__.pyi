@@ -12,8 +12,8 @@ from .causes.report import (
 )
 from .causes.score import LIGHT, ORDER, WIDTHS
 from .folder import fit_report, over_distance_figure, restore_fit, restore_values
-from .frame.frame_fit import FrameFit, cramer_rao_bound, fit_frame, placed, propagated
-from .frame.frame_model import FrameModel, Pixels, clear_of_ends, local_model, solve_with_gamma
+from .frame.frame_fit import FrameFit, fit_frame, placed, propagated
+from .frame.frame_model import FrameModel, clear_of_ends, local_model, solve_with_gamma
 from .frame.model_frame import ModelFrame, evaluate_model
 from .frame.renderer import SceneRenderer
 from .frame.single_state import (
@@ -51,8 +51,8 @@ from .joint.frame_sequence import (
     over_distance,
     stepwise,
 )
-from .joint.joint_fit import JointProblem, fit_of_each, is_each, refuse_undetermined, with_scars
-from .joint.normal_equations import add_up, linearise_frame, make_renderer, scar_equations
+from .joint.joint_fit import JointProblem, fit_of_each, is_each, refuse_undetermined
+from .joint.normal_equations import frame_equations, scar_equations, solved_along
 from .result import PARTS, Fit, KeyBudget, fitted_scene, make_result, untracked_inputs
 from .search import Lying, PictureStart, search_picture
 from .tracking.tracker import Apparatus, Tracked, Tracker, find_apparatus
@@ -101,19 +101,16 @@ __all__ = [
     "MeasuredArea",
     "ModelFrame",
     "PictureStart",
-    "Pixels",
     "PreparedFrames",
     "SceneRenderer",
     "SharedRun",
     "Tracked",
     "Tracker",
     "WearLaws",
-    "add_up",
     "alone_scene",
     "cause_messages",
     "clear_of_ends",
     "compare_laws",
-    "cramer_rao_bound",
     "evaluate_model",
     "find_apparatus",
     "fit",
@@ -124,15 +121,14 @@ __all__ = [
     "fit_with_causes",
     "fitted_scene",
     "frame_distance",
+    "frame_equations",
     "frame_scene",
     "free_keys",
     "inputs_of_rows",
     "is_each",
     "light_matters",
-    "linearise_frame",
     "local_model",
     "local_values",
-    "make_renderer",
     "make_result",
     "make_sequence",
     "marginal",
@@ -156,6 +152,7 @@ __all__ = [
     "slid_until",
     "sliding_scene",
     "solve_with_gamma",
+    "solved_along",
     "state_scene",
     "stated_inputs",
     "stated_pairs",
@@ -165,5 +162,4 @@ __all__ = [
     "track",
     "untracked_inputs",
     "with_numerics",
-    "with_scars",
 ]

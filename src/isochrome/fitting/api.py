@@ -45,7 +45,6 @@ from isochrome.fitting.joint.joint_fit import (
     refuse_undetermined,
     solve_jointly,
     starting_values,
-    with_scars,
 )
 from isochrome.fitting.joint.normal_equations import measured_areas, refuse_scars, scar_messages
 from isochrome.fitting.result import Fit, Track, make_result, make_track, restored_track, track_row
@@ -153,8 +152,7 @@ class FrameWork:
         Raises PhysicsError where they are not even then, in a frame that is all there is.
         """
         stated = extended.stated.fit
-        # what a frame does not tell, a measured scar may
-        if not self.sequence.areas and (stated.positive or self.sequence.count == 1):
+        if stated.positive or self.sequence.count == 1:
             refuse_alike(stated.keys, stated.information, stated.inputs.keys)
         try:
             now = extended.now.fit
@@ -184,11 +182,13 @@ def _joint_stage(
         )
     data.plain = {i for i, fit in enumerate(single_fits) if fit.plain}
     data.noises = {i: fit.noise_ratio for i, fit in enumerate(single_fits) if fit.noise_ratio > 1.0}
-    joint = _apart(sequence, single_fits)
-    if joint is not None:
+    if is_each(sequence):
+        for key in dict.fromkeys(u.key for u in sequence.unknowns):
+            having = (f for i, f in enumerate(single_fits) if key in sequence.acting(i))
+            refuse_undetermined(key, having)
+        joint = fit_of_each(sequence, single_fits)
         notices = messages_of_frames(messages, single=sequence.count == 1)
-        notices += (*scar_messages(sequence.areas, joint.scene), *_opposite_shears(joint))
-        return make_result(joint, single_fits, None, tuple(notices)), joint
+        return make_result(joint, single_fits, None, (*notices, *_opposite_shears(joint))), joint
     start = starting_values(sequence, single_fits)
     now = solve_jointly(data, sequence, start, progress)
     apart = _worn_apart(now)
@@ -203,33 +203,10 @@ def _joint_stage(
             now, apart = (now.joined(wider), wider) if apart else (wider, None)
             data.lights, data.outside = now.data.lights, now.data.outside
         joint = now.fit if apart else extended.fit
-    assert now.fit.information is not None
-    refuse_alike(tuple(u.key for u in joint.unknowns), now.fit.information, joint.known)
+    refuse_alike(tuple(u.key for u in joint.unknowns), now.fit.information, joint.inputs.keys)
     laws = WearLaws.of(apart.fit) if apart else None
     notes += (*scar_messages(sequence.areas, joint.scene), *_opposite_shears(joint))
     return make_result(joint, single_fits, laws, notes), joint
-
-
-def _apart(sequence: Sequence, single_fits: list[FrameFit]) -> JointFit | None:
-    """Frames' own fits as one, with measured scars; PhysicsError for a key that none tells.
-
-    None where something ties the frames, or scars add to one that does not tell all unknowns.
-    """
-    if not is_each(sequence):
-        return None
-    if sequence.areas:
-        (fit,) = single_fits
-        try:
-            refuse_alike(fit.keys, fit.information, fit.inputs.keys)
-        except PhysicsError:
-            return None
-        if not (fit.positive and np.isfinite(fit.standard_uncertainty).all()):
-            return None
-    for key in dict.fromkeys(u.key for u in sequence.unknowns):
-        having = (f for i, f in enumerate(single_fits) if key in sequence.acting(i))
-        refuse_undetermined(key, having)
-    joint = fit_of_each(sequence, single_fits)
-    return with_scars(joint, single_fits[0]) if sequence.areas else joint
 
 
 def _worn_apart(now: JointSolution) -> JointSolution | None:

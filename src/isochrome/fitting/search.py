@@ -212,7 +212,7 @@ def settle_frame(
         return None
     if result is None:
         return None
-    gain = float(np.mean(result.gamma_fit.part.amplitude))
+    gain = float(np.mean(result.gamma_fit.amplitude))
     return Settled(
         moved_scene(scene, keys, result.values), result.values, result.chi, gain, result.positive
     )

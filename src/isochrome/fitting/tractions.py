@@ -27,19 +27,13 @@ import numpy as np
 
 from isochrome.contact import ContactGrid, SurfaceState
 from isochrome.errors import InputError, PhysicsError
-from isochrome.estimation import ALIKE_CHI, Bounds, FrameData, Prior, damped
+from isochrome.estimation import ALIKE_CHI, Bounds, FrameData, LinearPart, Prior, damped
 from isochrome.fitting.arrays import Array, Mask
 from isochrome.fitting.causes.blocks import block_sums
 from isochrome.fitting.causes.modes import TractionModes
 from isochrome.fitting.frame.far_model import FarModel
 from isochrome.fitting.frame.frame_fit import hidden_px, is_seen, placed
-from isochrome.fitting.frame.frame_model import (
-    FrameModel,
-    GammaFit,
-    LocalModel,
-    RefinedFit,
-    refine_fit,
-)
+from isochrome.fitting.frame.frame_model import FrameModel, LocalModel, RefinedFit, refine_fit
 from isochrome.fitting.frame.renderer import scene_optics
 from isochrome.fitting.frame.unknowns import (
     LENS,
@@ -183,7 +177,7 @@ class TractionModel(FarModel):
         self._put(values)
         return FrameModel.signal(self, values[: len(self.keys)], visibility=visibility)
 
-    def linearise(self, values: Array, gamma_fit: GammaFit) -> LocalModel:
+    def linearise(self, values: Array, gamma_fit: LinearPart) -> LocalModel:
         """Derivatives at some values, where the linear solution is known."""
         self._put(values)
         self._stood = None  # the field has changed by more than the keys' values

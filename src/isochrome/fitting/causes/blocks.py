@@ -10,12 +10,21 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from isochrome.estimation import STEP, FrameData, LightModel, block_correlation, cosines, line_noise
+from isochrome.estimation import (
+    STEP,
+    FrameData,
+    LightModel,
+    LinearPart,
+    Pixels,
+    block_correlation,
+    cosines,
+    line_noise,
+)
 from isochrome.fitting.arrays import Array, Mask
 from isochrome.fitting.causes.cause import BAND, FRINGE_VALUE, MODULUS, PAST, SOFT, YOUNG, Cause
 from isochrome.fitting.causes.modes import TractionModes, traction_modes
 from isochrome.fitting.frame.far_model import by_field
-from isochrome.fitting.frame.frame_model import GammaFit, Pixels, gamma_slope, trust_of_slopes
+from isochrome.fitting.frame.frame_model import gamma_slope, trust_of_slopes
 from isochrome.fitting.frame.renderer import SceneRenderer, scene_optics
 from isochrome.fitting.frame.unknowns import BLUR, GAMMA, LENS, PIXEL, SMOOTH_KEYS, thinning
 from isochrome.scene import Scene
@@ -62,7 +71,7 @@ class SolvedFrame:
     data: FrameData
     scene: Scene
     pixels: Pixels
-    gamma_fit: GammaFit
+    gamma_fit: LinearPart
     renderer: SceneRenderer
     rows: Array
     along: Array
@@ -92,16 +101,16 @@ class FrameBlocks:
         image[keep] = gamma_fit.residual
         self.residual = block_sums(image, side)[chosen] / root
         self.outliers = outliers(image, chosen if side == BLOCK else _filled(keep, BLOCK)[0])
-        image[keep] = gamma_fit.part.signal
+        image[keep] = gamma_fit.signal
         self._signal_image = image
-        self.signal = gamma_fit.part.signal[at]
+        self.signal = gamma_fit.signal[at]
         self._model = gamma_fit.model[at]
         trust = trust_of_slopes(gamma_fit)
         self._trust = trust[at]
-        self._light = gamma_fit.weight[at] * root
+        self._light = gamma_fit.problem.weight[at] * root
         bases = self.light_images(pixels.light.model)
         self.light_rows = self.light_columns(*bases)
-        self.light_values = gamma_fit.part.coefficients
+        self.light_values = gamma_fit.coefficients
         amplitude = (self.light_values[: len(bases[0])] @ bases[0]).astype(np.float32)
         self.brightness = float(np.mean(amplitude))
         self._gain = amplitude * self._light
@@ -227,7 +236,7 @@ class FrameBlocks:
             # what the contact would be with another modulus, or the scar under another friction
             step = _PART * _SOLVED[key] * (value if key == YOUNG else 1.0)
             there = self.scene.with_values({key: value + step})
-            field = self._renderer.whole(there, self._renderer.field_beside(there))
+            field = self._renderer.whole(there, self._renderer.field_alone(there))
             return self._turned((np.nan_to_num(self.thin(field)) - self._fields[0]) / step)
         return self._moved_column(key)
 

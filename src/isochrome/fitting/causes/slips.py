@@ -64,7 +64,7 @@ def is_lost(fitted: Fitted) -> bool:
     own, as fringes vary by 1/sqrt(8) of theirs: a field of no fringe has any light.
     """
     fit, pixels = fitted.fit, fitted.model.pixels
-    light = float(np.mean(fitted.final.gamma_fit.part.amplitude))
+    light = float(np.mean(fitted.final.gamma_fit.amplitude))
     if fit.chi > _LEAST:
         light = min(light, sqrt(8.0) * float(np.std(pixels.raw * pixels.weight)))
     return not fit.positive or fit.chi > TOO_FAR * light

@@ -233,7 +233,7 @@ class FrameSolution(Askable):
         if rested is None:
             return None
         result, over_blocks = rested
-        part, residual = result.gamma_fit.part, result.gamma_fit.residual
+        part = result.gamma_fit
         values, amplitudes = np.split(result.values, [len(keys)])
         parts, first = [], 0
         for root in (expected.root, expected.order):
@@ -248,7 +248,7 @@ class FrameSolution(Askable):
             extra=np.array([key in expected.keys for key in keys] + [True] * model.count),
             light=part.normal,
             light_weight=part.weights,
-            excess=result.gamma_fit.noise * block_correlation(model.pixels.keep, residual),
+            excess=part.noise * block_correlation(model.pixels.keep, part.residual),
             values=dict(zip(keys, values.tolist(), strict=True)),
             tractions=parts[0],
             waves=None if parts[1] is None else parts[1].reshape(3, -1),
@@ -280,7 +280,7 @@ class FrameSolution(Askable):
         if signal is None:
             return odd
         pixels = every.pixels
-        illumination, background = pixels.light.of(final.gamma_fit.part.coefficients)
+        illumination, background = pixels.light.of(final.gamma_fit.coefficients)
         light = illumination * signal + background
         image = np.zeros(data.shape, np.float32)
         image[pixels.keep] = pixels.raw - stored(light, every.gamma(final.values))

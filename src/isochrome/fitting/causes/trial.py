@@ -156,5 +156,5 @@ class TrialModel(FarModel):
         other = turned_over(self.keys, first.values) if first else None
         turned = None if other is None else self.settled(other)
         found += [(turned, self.residual(turned))] if turned else []
-        bright = [pair for pair in found if pair[0].gamma_fit.part.positive]
+        bright = [pair for pair in found if pair[0].gamma_fit.positive]
         return min(bright, key=lambda pair: student_cost(pair[1]), default=None)

@@ -9,11 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from isochrome.estimation import STEP
+from isochrome.estimation import STEP, LinearPart
 from isochrome.fitting.arrays import Array
 from isochrome.fitting.frame.frame_model import (
     FrameModel,
-    GammaFit,
     LocalModel,
     RefinedFit,
     inward,
@@ -55,9 +54,8 @@ def student_cost(residual: Array) -> float:
 def by_field(
     optics: FringeOptics, field: Array, shown: Array, signal: Array, gain: Array
 ) -> tuple[Array, Array]:
-    """Weighted derivatives (n,) by both parts of a stress difference, 1/MPa, about its `signal`.
-
-    `shown`, the visibility, which changes little; `gain`, the weighted illumination.
+    """Weighted derivatives (n,) by both parts of a stress difference, 1/MPa, about its `signal`,
+    with the visibility `shown` and the weighted illumination `gain`.
     """
     step = np.float32(_SLIGHT / optics.order_per_mpa)
     along, across = (
@@ -100,11 +98,9 @@ class FarModel(FrameModel):
         return super().signal(values[:number], visibility=visibility, keys=keys)
 
     def settled(self, values: Array, *, robust: bool = True) -> RefinedFit | None:
-        """Where it comes to rest from `values` (p,); None where it makes no scene.
-
-        First by what its slopes are right in, the more the nearer it comes: so a start that is
-        fringes off near the contact leads to no other minimum. What no noise explains then counts,
-        if `robust`, as in Student's t: dust decides nothing.
+        """Where it comes to rest from `values` (p,), None where it makes no scene: first by what
+        its slopes are right in, so that a start fringes off leads to no other minimum; then, if
+        `robust`, with Student's t of what no noise explains: dust decides nothing.
         """
         every, cost = np.ones_like(self._root), np.inf
         while True:
@@ -137,7 +133,7 @@ class FarModel(FrameModel):
         own = self.pixels.weight / self._root
         self.pixels, self._root = replace(self.pixels, weight=own * root), root
 
-    def linearise(self, values: Array, gamma_fit: GammaFit) -> LocalModel:
+    def linearise(self, values: Array, gamma_fit: LinearPart) -> LocalModel:
         """Derivatives at some values, where the linear solution is known."""
         number = len(self.keys)
         rows = np.empty((number + self.count, self.pixels.size), np.float32)
@@ -156,8 +152,7 @@ class FarModel(FrameModel):
         for j, (turn, step) in turns.items():
             rows[j] = turned_row(optics, field, shown, turn[keep], step, gamma_fit)
         if self.slight:
-            part = gamma_fit.part
-            along, across = by_field(optics, field, shown, part.signal, part.amplitude)
+            along, across = by_field(optics, field, shown, gamma_fit.signal, gamma_fit.amplitude)
             for row, turn in zip(rows[number + last :], self.fields[last:], strict=True):
                 row[:] = along * turn.real[keep] + across * turn.imag[keep]
         names = (*self.keys, *(f"mode {k}" for k in range(self.count)))
@@ -165,10 +160,8 @@ class FarModel(FrameModel):
 
     def _turned(self, values: Array, field: Array) -> tuple[Array, Array]:
         """How the field turns with each unknown that leaves the optics as they are (k, rows, cols),
-        and a small step (k,) of these.
-
-        Fringes are soon others, and their slopes with them; what turns them changes little, and
-        each new field tells of its change: Broyden (1965), Math. Comp. 19, 577.
+        and small steps (k,) of these; what turns it changes little, and each new field tells of its
+        change: Broyden (1965), Math. Comp. 19, 577.
         """
         if self._stood is None:
             steps = STEP * scales(self.scene, self.keys)[self._numbers]
@@ -177,7 +170,7 @@ class FarModel(FrameModel):
                 steps[k] = inward(values[j], steps[k], self.limits.high[j])
                 moved = values.copy()
                 moved[j] += steps[k]
-                there = self.renderer.field_beside(moved_scene(self.scene, self.keys, moved))
+                there = self.renderer.field_alone(moved_scene(self.scene, self.keys, moved))
                 turns[k] = (np.nan_to_num(there) - field) / np.float32(steps[k])
         else:
             before, field_before, steps, turns = self._stood

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
-from enum import Enum
+from typing import Any, Self
 
 import numpy as np
 
@@ -13,16 +14,17 @@ from isochrome.estimation import (
     STEP,
     BudgetInput,
     FrameData,
+    LinearPart,
     Minimum,
     Prior,
     block_correlation,
-    budget_of,
+    budgets_of,
     less_explained,
     local_noise,
     standard_uncertainty,
 )
-from isochrome.fitting.arrays import Array
-from isochrome.fitting.frame.frame_model import FrameModel, GammaFit, RefinedFit, refine_fit
+from isochrome.fitting.arrays import Array, Mask
+from isochrome.fitting.frame.frame_model import FrameModel, RefinedFit, refine_fit
 from isochrome.fitting.frame.single_state import with_numerics
 from isochrome.fitting.frame.unknowns import (
     BLUR,
@@ -42,17 +44,14 @@ from isochrome.stress import pixel_grid
 
 
 @dataclass(frozen=True, kw_only=True)
-class FrameFit:
-    """What one frame says of its scene, whose unknowns are `keys` (p,), in the keys' units.
+class Estimate:
+    """Values (p,) of unknowns, and how well they are known, in the keys' units.
 
     `covariance` and `standard_uncertainty` (inf: not told) are of the noise and of all stated
     `inputs` (m,), priors first, of which `sensitivity` (p, m) is d value/d input; `information`, of
-    the pixels; `chi`, residual over noise; `others`, minima by rising chi; `plain`, one amplitude
-    had to do for all the light; not `positive`: the scene's fringes are not in the frame.
+    the pixels; `chi`, residual over noise.
     """
 
-    scene: Scene
-    keys: tuple[str, ...]
     values: Array
     standard_uncertainty: Array
     covariance: Array
@@ -63,18 +62,25 @@ class FrameFit:
     information: Array
     freedom: int
     chi: float
-    others: tuple[Minimum, ...]
     converged: bool
-    plain: bool
-    positive: bool
-    noise_ratio: float = 1.0  # the noise over what the finest part shows, as compression takes it
 
-    def budget_of_key(self, key: str) -> tuple[BudgetInput, ...]:
-        """The uncertainty budget of one unknown."""
-        k = self.keys.index(key)
-        return budget_of(float(self.noise_uncertainty[k]), self.inputs.rows, self.sensitivity[k])
+    @property
+    def cost(self) -> float:
+        """Sum of the squared residuals over noise."""
+        return self.chi**2 * self.freedom
 
-    def less_sure(self, more: Array) -> FrameFit:
+    @property
+    def budget(self) -> tuple[tuple[BudgetInput, ...], ...]:
+        """The uncertainty budget of each value, empty ones without stated inputs."""
+        return budgets_of(self.noise_uncertainty, self.inputs.rows, self.sensitivity)
+
+    @property
+    def noise_covariance(self) -> Array:
+        """The covariance by noise alone."""
+        by_inputs = self.sensitivity * self.inputs.spread
+        return np.asarray(self.covariance - by_inputs @ by_inputs.T)
+
+    def less_sure(self, more: Array) -> Self:
         """The same with a covariance that is larger by `more` (p, p), as if by noise."""
         variance = np.diag(more)
         return replace(
@@ -83,6 +89,38 @@ class FrameFit:
             standard_uncertainty=np.sqrt(self.standard_uncertainty**2 + variance),
             noise_uncertainty=np.sqrt(self.noise_uncertainty**2 + variance),
         )
+
+
+def uncertainties(
+    noise: Array, inputs: StatedInputs, sensitivity: Array, determined: Mask
+) -> dict[str, Any]:
+    """What an `Estimate` says of them, from the covariance by noise, and which are determined."""
+    by_inputs = sensitivity * inputs.spread
+    covariance = noise + by_inputs @ by_inputs.T
+    return {
+        "covariance": covariance,
+        "standard_uncertainty": standard_uncertainty(covariance, determined),
+        "noise_uncertainty": standard_uncertainty(noise, determined),
+        "inputs": inputs,
+        "sensitivity": sensitivity,
+    }
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrameFit(Estimate):
+    """What one frame says of its scene, whose unknowns are `keys` (p,).
+
+    `others`, minima by rising chi; `plain`, one amplitude had to do for all the light; not
+    `positive`: the scene's fringes are not in the frame; `noise_ratio`, the noise over what the
+    finest part shows, as compression takes it.
+    """
+
+    scene: Scene
+    keys: tuple[str, ...]
+    others: tuple[Minimum, ...]
+    plain: bool
+    positive: bool
+    noise_ratio: float = 1.0
 
 
 EDGE_PX = 0.75
@@ -110,22 +148,18 @@ def fit_frame(
     cold: bool = True,
     stated: StatedInputs | None = None,
 ) -> FrameFit:
-    """Fit the unknowns of a one-state scene, by default `free_keys`, to one frame.
-
-    From the scene's own values on a thinned frame with a coarse contact, else, if `cold`, by a
-    search over a factor of four in load; then on every trusted pixel. `stated`: priors and inputs,
-    by default the scene's. InputError for a key that cannot be free, PhysicsError where no values
-    give fringes of the right contrast.
+    """Fit the unknowns of a one-state scene, by default `free_keys`, to one frame: from the scene's
+    own values on a thinned frame, else, if `cold`, by a search over a factor of four in load; then
+    on every trusted pixel. `stated`: priors and inputs, by default the scene's. InputError for a
+    key that cannot be free, PhysicsError where no values give fringes of the right contrast.
     """
     return fit_with_model(data, scene, keys, cold=cold, stated=stated).fit
 
 
 @dataclass(frozen=True)
 class Fitted:
-    """A fit with what it was made of: its `model` of the frame, and where the steps ended.
-
-    `held`, the inputs that are no unknowns, and `held_rows` (m, n), the derivatives by them;
-    `stated`, those and the priors.
+    """A fit with its `model` of the frame, where the steps ended, the inputs that are `held` and
+    the derivatives by them, `held_rows` (m, n); `stated`, those and the priors.
     """
 
     fit: FrameFit
@@ -145,15 +179,13 @@ def fit_with_model(
     stated: StatedInputs | None = None,
     rested: bool = False,
 ) -> Fitted:
-    """`fit_frame` with the model that was fitted, for those who ask its residual.
-
-    `rested`, whether the scene is where another fit came to rest: few pixels would lead away.
+    """`fit_frame` with the model that was fitted. `rested`, whether the scene is where another fit
+    came to rest: few pixels would lead away.
     """
     keys = free_keys(scene) if keys is None else keys
     stated = stated_inputs(scene) if stated is None else stated
     scene = placed(scene, data.shape)
-    start = _Start.RESTED if rested else _Start.COLD if cold else _Start.NEAR
-    made = _fit_toned(data, scene, keys, start, stated)
+    made = _fit_toned(data, scene, keys, stated, cold=cold, rested=rested)
     ratio = local_noise(
         made.model.pixels.keep,
         made.final.gamma_fit.residual,
@@ -161,32 +193,32 @@ def fit_with_model(
     )
     if ratio == 1.0 or not made.fit.positive:  # what has no light may be anywhere
         return made
-    again = _fit_toned(data.with_noise(ratio), made.fit.scene, keys, _Start.RESTED, stated)
+    again = _fit_toned(data.with_noise(ratio), made.fit.scene, keys, stated, rested=True)
     return replace(again, fit=replace(again.fit, others=made.fit.others))
 
 
-class _Start(Enum):
-    """How near a scene is: it may need a search, a fit to few pixels, or neither."""
-
-    COLD, NEAR, RESTED = range(3)
-
-
 def _fit_toned(
-    data: FrameData, scene: Scene, keys: tuple[str, ...], start: _Start, stated: StatedInputs
+    data: FrameData,
+    scene: Scene,
+    keys: tuple[str, ...],
+    stated: StatedInputs,
+    *,
+    cold: bool = False,
+    rested: bool,
 ) -> Fitted:
     """The fit, from each exponent in turn where that is unknown until one explains the frame."""
     known = scene.frames.gamma
     if isinstance(known, str) and GAMMA not in keys:
         keys = (*keys, GAMMA)
     if GAMMA not in keys:
-        return _fit_begun(data, scene, keys, start, stated)
+        return _fit_begun(data, scene, keys, stated, cold, rested)
     best: Fitted | None = None
     gammas = [1.0, PHOTOGRAPHS] if isinstance(known, str) else [known, 1.0, PHOTOGRAPHS]
-    if start is _Start.RESTED:  # at the first
+    if rested:  # at the first
         del gammas[1:]
     for gamma in dict.fromkeys(gammas):
         begun = scene.with_values({GAMMA: gamma})
-        made = _fit_begun(data.toned(gamma), begun, keys, start, stated)
+        made = _fit_begun(data.toned(gamma), begun, keys, stated, cold, rested)
         fit = made.fit
         if best is None or (fit.positive, -fit.chi) > (best.fit.positive, -best.fit.chi):
             best = made
@@ -197,22 +229,27 @@ def _fit_toned(
 
 
 def _fit_begun(
-    data: FrameData, scene: Scene, keys: tuple[str, ...], start: _Start, stated: StatedInputs
+    data: FrameData,
+    scene: Scene,
+    keys: tuple[str, ...],
+    stated: StatedInputs,
+    cold: bool,
+    rested: bool,
 ) -> Fitted:
     """The fit from one scene's start, and others about it."""
     others: tuple[Minimum, ...] = ()
     prior = stated.prior(keys)
     scene = _with_some_blur(scene, keys)
     best = scene
-    if start is not _Start.RESTED:
-        first, *rest = search_frame(data, scene, keys, prior, cold=start is _Start.COLD)
+    if not rested:
+        first, *rest = search_frame(data, scene, keys, prior, cold=cold)
         best, others = first.scene, tuple(one.minimum for one in rest if one.positive)
     best = _with_some_blur(best, keys)  # few pixels do not show a little one
     fine = with_numerics(best.model_copy(update={"numerics": scene.numerics}))
-    model, final = _final(data, fine, keys, prior, start)
+    model, final = _final(data, fine, keys, prior, rested)
     plain = not final.positive
     if plain:
-        model, final = _final(data.plain(), fine, keys, prior, start)
+        model, final = _final(data.plain(), fine, keys, prior, rested)
     fitted = moved_scene(fine, keys, final.values).model_copy(update={"numerics": scene.numerics})
     determined = final.local.determined
     known, held = (stated.some(keys, free=free) for free in (True, False))
@@ -225,26 +262,13 @@ def _fit_begun(
     noise = final.local.covariance(final.gamma_fit, unexplained)
     inputs = inputs_of_rows([*known.rows, *held.rows])
     sensitivity = final.local.sensitivity(known.keys, rows)
-    spread = noise + (sensitivity * inputs.spread**2) @ sensitivity.T
     fit = FrameFit(
-        scene=fitted,
-        keys=keys,
-        values=final.values,
-        standard_uncertainty=standard_uncertainty(spread, determined),
-        covariance=spread,
-        noise_uncertainty=standard_uncertainty(noise, determined),
-        inputs=inputs,
-        sensitivity=sensitivity,
-        cramer_rao_bound=final.local.bound,
-        information=final.local.information,
-        freedom=final.freedom,
-        chi=final.chi,
-        others=others,
-        converged=final.converged and bool(determined.all()),
-        plain=plain,
+        scene=fitted, keys=keys, values=final.values, chi=final.chi, freedom=final.freedom,
+        **uncertainties(noise, inputs, sensitivity, determined), others=others, plain=plain,
+        cramer_rao_bound=final.local.bound, information=final.local.information,
+        converged=final.converged and bool(determined.all()), noise_ratio=data.noise_ratio,
         positive=final.positive and is_seen(final.gamma_fit),
-        noise_ratio=data.noise_ratio,
-    )
+    )  # fmt: skip
     return Fitted(fit, model, final, held, rows, stated)
 
 
@@ -255,21 +279,20 @@ def _with_some_blur(scene: Scene, keys: tuple[str, ...]) -> Scene:
     return scene
 
 
-def is_seen(gamma_fit: GammaFit) -> bool:
-    """Whether more light follows the fringes than noise alone does where they are searched for.
-
-    By Wald's statistic of the illumination, aᵀ cov(a)⁻¹ a, over the noise that the residuals show.
+def is_seen(gamma_fit: LinearPart) -> bool:
+    """Whether more light follows the fringes than noise alone does: Wald's statistic of the
+    illumination, aᵀ cov(a)⁻¹ a, over the noise that the residuals show.
     """
-    part, count = gamma_fit.part, gamma_fit.problem.light.split
-    light = part.coefficients[:count]
-    gain = float(light @ np.linalg.pinv(part.inverse[:count, :count]) @ light)
+    count = gamma_fit.problem.light.split
+    light = gamma_fit.coefficients[:count]
+    gain = float(light @ np.linalg.pinv(gamma_fit.inverse[:count, :count]) @ light)
     # fringes of something else are no noise, though neighbours share them
     near = block_correlation(gamma_fit.problem.keep, gamma_fit.residual, most_px=4)
     return gain > _CHANCE * gamma_fit.noise * near
 
 
 def _final(
-    data: FrameData, scene: Scene, keys: tuple[str, ...], prior: Prior, begun: _Start
+    data: FrameData, scene: Scene, keys: tuple[str, ...], prior: Prior, rested: bool
 ) -> tuple[FrameModel, RefinedFit]:
     """Every trusted pixel, a fine contact, derivatives where the search ended."""
     start = values_of(scene, keys)
@@ -283,7 +306,7 @@ def _final(
     final = refine_fit(model, start, gamma_fit=gamma_fit)
     if final is None:
         raise PhysicsError("scene_cannot_solved_where", name=data.name)
-    other = None if begun is _Start.RESTED else turned_over(keys, final.values)
+    other = None if rested else turned_over(keys, final.values)
     if other is not None:
         turned = refine_fit(model, other)
         if turned is not None and not turned.cost > final.cost:
@@ -292,9 +315,8 @@ def _final(
 
 
 def turned_over(keys: tuple[str, ...], values: Array) -> Array | None:
-    """Values (p,) with plates that are turned to the other side: they nearly mirror the picture.
-
-    None where no plates are unknowns.
+    """Values (p,) with plates turned to the other side, which nearly mirrors the picture; None
+    where no plates are unknowns.
     """
     plates = [j for j, key in enumerate(keys) if key.endswith("plate_error_deg")]
     if not plates:
@@ -315,74 +337,37 @@ def placed(scene: Scene, shape: tuple[int, int]) -> Scene:
     grid = pixel_grid(scene, shape)
     if (grid.rows, grid.cols) != shape:
         raise InputError(
-            "frames_their_frames_roi",
-            name=scene.name,
-            shape=shape[0],
-            shape_2=shape[1],
-            rows=grid.rows,
-            cols=grid.cols,
-        )
+            "frames_their_frames_roi", name=scene.name, shape=shape[0], shape_2=shape[1],
+            rows=grid.rows, cols=grid.cols,
+        )  # fmt: skip
     return scene.with_values({"camera.left_mm": grid.left_mm, "camera.top_mm": grid.top_mm})
 
 
-_SURFACE_PX = 0.5
-
-
-def cramer_rao_bound(data: FrameData, scene: Scene, keys: tuple[str, ...]) -> Array:
-    """The least standard uncertainties (p,) of any unbiased estimate; inf for what is not told.
-
-    sqrt(diag(F⁻¹)), F = Σ j jᵀ over the specimen's trusted pixels, j the derivative of the stored
-    level over its noise less what the light explains of it, at the scene's own values. PhysicsError
-    where it cannot be solved. Source: Kay (1993), Statistical Signal Processing I, section 3.7.
-    """
-    scene = with_numerics(placed(scene, data.shape))
-    values = values_of(scene, keys)
-    model = FrameModel(data, scene, keys, fit_region(scene, data.shape, 1, _SURFACE_PX))
-    gamma_fit = model.at(values)
-    if gamma_fit is None:
-        raise PhysicsError("scene_cannot_solved_own", name=scene.name)
-    return model.linearise(values, gamma_fit).bound
-
-
 def propagated(fit: FrameFit, numbers: Callable[[Scene], Array]) -> tuple[Array, Array]:
-    """Numbers (m,) of a fitted scene and their standard uncertainties, inf where they are not told.
-
-    u² = g C gᵀ + Σ (g c + h)² u_i² with g, h the derivatives by the unknowns and the held inputs, C
-    the covariance by noise, c the sensitivity: a load that makes up for a wrong fringe value leaves
-    the order as it is. PhysicsError beside unsolvable scenes. Source: JCGM 102:2011, 6.2.
+    """Numbers (m,) of a fitted scene and their u² = g C gᵀ + Σ (g c + h)² u_i², roots of it, inf
+    where not told: g, h their derivatives by unknowns and held inputs, C the covariance by noise, c
+    the sensitivity. PhysicsError beside unsolvable scenes. Source: JCGM 102:2011, 6.2.
     """
     keys = tuple(dict.fromkeys((*fit.keys, *fit.inputs.keys)))
     values, steps = values_of(fit.scene, keys), STEP * scales(fit.scene, keys)
     here = numbers(fit.scene)
-    slopes = np.transpose([
-        _slope(fit.scene, numbers, here, key, value, step)
-        for key, value, step in zip(keys, values, steps, strict=True)
-    ])  # fmt: skip
+    slopes = np.zeros((len(here), len(keys)))
+    for column, key, value, step in zip(slopes.T, keys, values, steps, strict=True):
+        for one in (step, -step):  # to whichever side there is a scene
+            with suppress(InputError, PhysicsError):
+                there = numbers(moved_scene(fit.scene, (key,), np.array([value + one])))
+                column[:] = (there - here) / one
+                break
+        else:
+            raise PhysicsError("scene_cannot_solved_beside", key=key, value=value)
     count = len(fit.keys)
     fitted, held = slopes[:, :count], np.zeros((len(here), len(fit.inputs.keys)))
     for k, key in enumerate(fit.inputs.keys):
         if key not in fit.keys:
             held[:, k] = slopes[:, keys.index(key)]
-    noise = fit.covariance - (fit.sensitivity * fit.inputs.spread**2) @ fit.sensitivity.T
     by_inputs = (fitted @ fit.sensitivity + held) * fit.inputs.spread
-    variance = np.einsum("ij,jk,ik->i", fitted, noise, fitted) + (by_inputs**2).sum(axis=1)
+    variance = np.einsum("ij,jk,ik->i", fitted, fit.noise_covariance, fitted) + (by_inputs**2).sum(
+        axis=1
+    )
     untold = (fitted[:, ~np.isfinite(fit.standard_uncertainty)] != 0.0).any(axis=1)
     return here, np.where(untold, np.inf, np.sqrt(np.maximum(variance, 0.0)))
-
-
-def _slope(
-    scene: Scene,
-    numbers: Callable[[Scene], Array],
-    here: Array,
-    key: str,
-    value: float,
-    step: float,
-) -> Array:
-    """The numbers' derivatives by a key, to whichever side of its value there is a scene."""
-    for one in (step, -step):
-        try:
-            moved = numbers(moved_scene(scene, (key,), np.array([value + one])))
-        except (InputError, PhysicsError):
-            continue
-        return np.asarray((moved - here) / one)
-    raise PhysicsError("scene_cannot_solved_beside", key=key, value=value)

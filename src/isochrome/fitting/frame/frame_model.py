@@ -25,13 +25,12 @@ from isochrome.estimation import (
     FrameData,
     LinearPart,
     PixelLight,
+    Pixels,
     Prior,
-    SeparableProblem,
     cosine_sum,
     damped_step,
     is_determined,
     no_prior,
-    project,
     promised_gain,
     scaled_inverse,
     solve_linear,
@@ -49,100 +48,27 @@ CLEAR_SIGMAS = 3.5
 cuts the noise on one side, and so would a choice of pixels by their own levels."""
 
 
-ENOUGH = 0.25
+_ENOUGH = 0.25
 """Share of pixels that must be clear of black and white for the others to be left out."""
 
 
-@dataclass(frozen=True)
-class Pixels:
-    """Trusted pixels of a frame (n,), float32: `raw`, fraction of full scale, and `weight` = 1/σ.
-
-    `light`, what they are held against; `gamma`, the frame's exponent where it is not an unknown.
-    """
-
-    raw: Array
-    weight: Array
-    light: PixelLight
-    gamma: float
-
-    @property
-    def size(self) -> int:
-        """Number of pixels."""
-        return self.raw.size
-
-    @property
-    def keep(self) -> Mask:
-        """Where the pixels are (rows, cols)."""
-        return self.light.keep
-
-    @property
-    def as_stored(self) -> SeparableProblem:
-        """The weighted pixels of a linear sensor."""
-        return SeparableProblem(self.raw * self.weight, self.weight, self.light)
-
-
-@dataclass(frozen=True)
-class GammaFit:
-    """A linear solution through the tone curve: `part`, of the `problem` about its own model.
-
-    `model` (n,), light; `weight` (n,), of light; `residual` (n,), of the stored levels over noise.
-    """
-
-    problem: SeparableProblem
-    part: LinearPart
-    model: Array
-    weight: Array
-    residual: Array
-
-    @property
-    def cost(self) -> float:
-        """Sum of the squared residuals over noise."""
-        return float(np.sum(np.square(self.residual), dtype=float))
-
-    @property
-    def noise(self) -> float:
-        """The residuals' variance over that of the noise, 1 at least."""
-        return self.noise_of(self.part.count)
-
-    def noise_of(self, count: int) -> float:
-        """The same where the light's coefficients are known to be so many."""
-        return max(1.0, self.cost / max(1, self.residual.size - count))
-
-
 def trusted_pixels(data: FrameData, region: Mask) -> Pixels:
-    """The valid pixels of a frame inside a region (rows, cols).
-
-    Raises PhysicsError where there are none.
-    """
+    """The valid pixels of a frame inside a region (rows, cols); PhysicsError where none are."""
     keep = data.valid & region
     if not keep.any():
         raise PhysicsError("no_pixel_camera_shows", name=data.name)
-    complete = bool(keep.all())
-
-    def chosen(image: Array) -> Array:
-        values = image.reshape(-1) if complete else image[keep]
-        return np.ascontiguousarray(values, dtype=np.float32)
-
-    return Pixels(
-        chosen(data.raw), 1.0 / chosen(data.raw_sigma), PixelLight(data.lamp, keep), data.gamma
-    )
+    raw, sigma = (np.asarray(image[keep], np.float32) for image in (data.raw, data.raw_sigma))
+    return Pixels(raw, 1.0 / sigma, PixelLight(data.lamp, keep), data.gamma)
 
 
 def clear_of_ends(pixels: Pixels, model: Array, gamma: float) -> Mask:
-    """Pixels whose model is far from black and white, whatever their own noise made of them."""
+    """Pixels whose model is far from black and white, whatever their own noise made of them; all of
+    them where few are.
+    """
     level = stored(model, gamma)
     room = CLEAR_SIGMAS / pixels.weight
-    return np.asarray((level > room) & (level < 1.0 - room))
-
-
-def some_pixels(pixels: Pixels, chosen: Mask) -> Pixels:
-    """Fewer pixels: `chosen` (n,) of them."""
-    return replace(
-        pixels,
-        raw=pixels.raw[chosen],
-        weight=pixels.weight[chosen],
-        light=pixels.light.some(chosen),
-    )
+    clear = np.asarray((level > room) & (level < 1.0 - room))
+    return clear if np.count_nonzero(clear) > _ENOUGH * clear.size else np.ones_like(clear)
 
 
 def stored(model: Array, gamma: float) -> Array:
@@ -152,18 +78,14 @@ def stored(model: Array, gamma: float) -> Array:
 
 def solve_with_gamma(
     pixels: Pixels, signal: Array, gamma: float, *, near: Array | None = None
-) -> GammaFit | None:
-    """Illumination and background that fit a signal (n,) best through the tone curve.
-
-    `near` (n,), a model to start from. None where the signal is not finite.
+) -> LinearPart | None:
+    """Illumination and background that fit a signal (n,) best through the tone curve, from a model
+    `near` (n,); the residual is that of the stored levels. None for a signal that is not finite.
     """
     if not np.isfinite(signal.sum()):
         return None
     if gamma == 1.0:
-        problem = pixels.as_stored
-        part = solve_linear(problem, signal)
-        model = pixels.raw - part.residual / pixels.weight
-        return GammaFit(problem, part, model, pixels.weight, part.residual)
+        return solve_linear(pixels, signal)
     model = np.maximum(pixels.raw, 0.0) ** np.float32(gamma) if near is None else near
     # light of one standard deviation above black, or of white: there the tone's slope ends
     least = np.maximum(pixels.weight, np.float32(1.0)) ** np.float32(-gamma)
@@ -172,20 +94,18 @@ def solve_with_gamma(
         level = stored(model, gamma)
         weight = level / (np.float32(gamma) * model) * pixels.weight
         data = model + (pixels.raw - level) * (pixels.weight / weight)
-        problem = SeparableProblem(data * weight, weight, pixels.light)
-        part = solve_linear(problem, signal)
-        model = data - part.residual / weight
-    residual = (pixels.raw - stored(model, gamma)) * pixels.weight
-    return GammaFit(problem, part, model, weight, residual)
+        part = solve_linear(replace(pixels, raw=data, weight=weight), signal)
+        model = part.model
+    return replace(part, residual=(pixels.raw - stored(model, gamma)) * pixels.weight)
 
 
-def gamma_slope(gamma_fit: GammaFit, gamma: float) -> Array:
+def gamma_slope(gamma_fit: LinearPart, gamma: float) -> Array:
     """Weighted derivative of the model by γ, (n,): -m ln m / γ."""
     model = np.maximum(gamma_fit.model, 1e-6)
-    return np.asarray(-model * np.log(model) / np.float32(gamma) * gamma_fit.weight)
+    return np.asarray(-model * np.log(model) / np.float32(gamma) * gamma_fit.problem.weight)
 
 
-def trust_of_slopes(gamma_fit: GammaFit, stride: int = 1) -> Array:
+def trust_of_slopes(gamma_fit: LinearPart, stride: int = 1) -> Array:
     """Root of the weight (n,) that pixels have by the error of their slopes, besides the noise.
 
     Where fringes are off by a phase d the signal is by sin(phase) d / 2, and by cos(phase) d^2 / 4
@@ -195,7 +115,7 @@ def trust_of_slopes(gamma_fit: GammaFit, stride: int = 1) -> Array:
     """
     from scipy.ndimage import uniform_filter
 
-    keep, gain = gamma_fit.problem.keep, gamma_fit.part.amplitude
+    keep, gain = gamma_fit.problem.keep, gamma_fit.amplitude
     image, there = np.zeros((2, *keep.shape), np.float32)
     image[keep] = np.square(gamma_fit.residual / np.maximum(gain, 1e-6))
     there[keep] = 1.0
@@ -260,29 +180,26 @@ class FrameModel:
         self.limits = limits(scene, keys, data.shape)
         self._light_slopes: tuple[Array, Array] | None = None
 
-    def keep_clear(self, values: Array) -> GammaFit | None:
-        """Leave out the pixels whose model at some values is near black or white.
-
-        Returns the linear solution there, None where the values make no scene.
+    def keep_clear(self, values: Array) -> LinearPart | None:
+        """Leave out the pixels whose model is near black or white; the linear solution there, None
+        where the values make no scene.
         """
         gamma_fit = self.at(values)
         if gamma_fit is None:
             return None
         clear = clear_of_ends(self.pixels, gamma_fit.model, self.gamma(values))
-        if clear.all() or np.count_nonzero(clear) <= ENOUGH * clear.size:
+        if clear.all():
             return gamma_fit
-        self.pixels = some_pixels(self.pixels, clear)
-        return self.solved(gamma_fit.part.signal[clear], values, gamma_fit.model[clear])
+        self.pixels = self.pixels.some(clear)
+        return self.solved(gamma_fit.signal[clear], values, gamma_fit.model[clear])
 
-    def follow_light(self, data: FrameData, gamma_fit: GammaFit) -> None:
-        """Blur the light with its fall-off A, and not the signal s alone.
-
-        Equation: G * (A s) = A (G * s) + b² ∇A·∇(G * s) for a Gaussian G of standard deviation b
-        and an A that is linear over it; ∇A/A from the solution `gamma_fit` of the frame `data`.
+    def follow_light(self, data: FrameData, gamma_fit: LinearPart) -> None:
+        """Blur the light with its fall-off A, G * (A s) = A (G * s) + b² ∇A·∇(G * s) for a Gaussian
+        G of standard deviation b; ∇A/A from the solution `gamma_fit` of the frame `data`.
         """
         from scipy.ndimage import gaussian_filter
 
-        coefficients = gamma_fit.part.coefficients[: self.pixels.light.split]
+        coefficients = gamma_fit.coefficients[: self.pixels.light.split]
         light = data.lamp.illumination(coefficients)
         light = np.maximum(gaussian_filter(light, _SMOOTH_PX), _DIMMEST * float(light.max()))
         down, across = np.gradient(np.log(light))
@@ -299,10 +216,8 @@ class FrameModel:
     def signal(
         self, values: Array, *, visibility: Array | None = None, keys: tuple[str, ...] | None = None
     ) -> Array | None:
-        """The signal at the pixels (n,), None where the values make no scene that can be solved.
-
-        `visibility` (rows, cols), where it is known well enough; `keys` of the values, where they
-        are not the unknowns.
+        """The signal at the pixels (n,), None where the values, of `keys`, make no scene that can
+        be solved; `visibility` (rows, cols), where it is known well enough.
         """
         try:
             scene = self.moved(self.keys if keys is None else keys, values)
@@ -317,12 +232,12 @@ class FrameModel:
             image = image + np.float32(scene.camera.blur_px**2) * (down + across)
         return np.asarray(image[self.pixels.keep], dtype=np.float32)
 
-    def at(self, values: Array, *, near: Array | None = None) -> GammaFit | None:
+    def at(self, values: Array, *, near: Array | None = None) -> LinearPart | None:
         """The linear solution at some values (p,); `near` (n,), a model that is not far off."""
         signal = self.signal(values)
         return None if signal is None else self.solved(signal, values, near)
 
-    def solved(self, signal: Array, values: Array, near: Array | None = None) -> GammaFit | None:
+    def solved(self, signal: Array, values: Array, near: Array | None = None) -> LinearPart | None:
         """The linear solution for a signal (n,)."""
         return solve_with_gamma(self.pixels, signal, self.gamma(values), near=near)
 
@@ -332,32 +247,26 @@ class FrameModel:
         step = damped_step(local.normal, pull, damping, free, cutoff=_CUTOFF)
         return self.limits.cut(values, step)
 
-    def linearise(self, values: Array, gamma_fit: GammaFit) -> LocalModel:
-        """Derivatives at some values, where the linear solution is known.
-
-        Raises PhysicsError where the scene cannot be solved beside them.
-        """
+    def linearise(self, values: Array, gamma_fit: LinearPart) -> LocalModel:
+        """Derivatives at some values; PhysicsError where the scene cannot be solved beside them."""
         rows = self._slopes(self.keys, values, range(len(self.keys)), gamma_fit)
         return local_model(self.keys, values, gamma_fit, rows, self.prior)
 
-    def input_rows(self, values: Array, gamma_fit: GammaFit, inputs: tuple[str, ...]) -> Array:
-        """Derivatives by inputs (m, n) that the fit holds, less what the light explains of them.
-
-        Raises PhysicsError where the scene cannot be solved beside an input's value.
+    def input_rows(self, values: Array, gamma_fit: LinearPart, inputs: tuple[str, ...]) -> Array:
+        """Derivatives by inputs (m, n) that the fit holds, less what the light explains of them;
+        PhysicsError where the scene cannot be solved beside an input's value.
         """
         stated = [float(self.scene.get(key)) for key in inputs]
         keys, count = (*self.keys, *inputs), len(self.keys)
         rows = self._slopes(keys, np.r_[values, stated], range(count, len(keys)), gamma_fit)
-        project(rows, gamma_fit.problem, gamma_fit.part)
+        gamma_fit.project(rows)
         return rows
 
     def _slopes(
-        self, keys: tuple[str, ...], values: Array, chosen: range, gamma_fit: GammaFit
+        self, keys: tuple[str, ...], values: Array, chosen: range, gamma_fit: LinearPart
     ) -> Array:
-        """Weighted derivatives by the chosen ones of some keys, (chosen, n).
-
-        What only priors tell apart needs both sides of a value: the curvature of a fringe is a per
-        cent of a one-sided difference, and would pass for a difference of the two.
+        """Weighted derivatives by the chosen ones of some keys, (chosen, n). What only priors tell
+        apart needs both sides: a fringe's curvature is a per cent of a one-sided difference.
         """
         rows = np.empty((len(chosen), self.pixels.size), np.float32)
         # what the pixels' area takes changes little: it is not rendered for every derivative
@@ -371,26 +280,21 @@ class FrameModel:
                 continue
             first = inward(values[j], step, most)
             visibility = None if key == BLUR or self._precise else shown
-            signal = self._beside(keys, values, j, first, visibility)
-            second = None
-            if signal is None or self._precise:
-                second = self._beside(keys, values, j, -first, visibility)
-            if signal is None and second is None:
+            signals: dict[float, Array] = {}
+            for sign in (1.0, -1.0):
+                if signals and not self._precise:
+                    break
+                moved = np.array(values, dtype=float)
+                moved[j] += sign * first
+                signal = self.signal(moved, visibility=visibility, keys=keys)
+                if signal is not None:
+                    signals[sign] = signal
+            if not signals:
                 raise PhysicsError("scene_cannot_solved_beside", key=key, value=values[j])
-            ahead = gamma_fit.part.signal if signal is None else signal
-            behind = gamma_fit.part.signal if second is None else second
+            ahead, behind = (signals.get(sign, gamma_fit.signal) for sign in (1.0, -1.0))
             np.subtract(ahead, behind, out=row)
-            sides = (signal is not None) + (second is not None)
-            row *= gamma_fit.part.amplitude / np.float32(first * sides)
+            row *= gamma_fit.amplitude / np.float32(first * len(signals))
         return rows
-
-    def _beside(
-        self, keys: tuple[str, ...], values: Array, j: int, step: float, visibility: Array | None
-    ) -> Array | None:
-        """The signal (n,) a step beside one of some keys' values, None where it cannot be."""
-        moved = np.array(values, dtype=float)
-        moved[j] += step
-        return self.signal(moved, visibility=visibility, keys=keys)
 
 
 def turned_row(
@@ -399,29 +303,25 @@ def turned_row(
     shown: Array,
     turn: Array | np.complex64,
     step: np.float32,
-    gamma_fit: GammaFit,
+    gamma_fit: LinearPart,
 ) -> Array:
-    """The weighted derivative (n,) by what turns a field (n,) by `turn` (n,), over a step of it.
-
-    `shown`, the field's visibility; `gamma_fit`, the solution there. Fringes are soon others, and
-    their slopes with them; what turns them changes little: it is kept.
+    """The weighted derivative (n,) by what turns a field (n,) of visibility `shown` by `turn` (n,),
+    over a step of it: fringes are soon others, what turns them changes little.
     """
     ahead = optics.signal(field + step * turn, visibility=shown)
-    return np.asarray((ahead - gamma_fit.part.signal) * (gamma_fit.part.amplitude / step))
+    return np.asarray((ahead - gamma_fit.signal) * (gamma_fit.amplitude / step))
 
 
 @dataclass(frozen=True)
 class LocalModel:
-    """A frame's model about `values` (p,) of `keys`: what steps and uncertainties need.
-
-    `gamma_fit`, the linear solution there; `rows` (p, n), the weighted derivatives less what the
-    linear unknowns explain; `squares` (p,), their sums of squares before that; `prior` of the
-    unknowns.
+    """A frame's model about `values` (p,) of `keys`: the linear solution `gamma_fit`, the weighted
+    derivatives less what it explains, `rows` (p, n), `squares` (p,), their sums before that, and
+    the `prior`.
     """
 
     keys: tuple[str, ...]
     values: Array
-    gamma_fit: GammaFit
+    gamma_fit: LinearPart
     rows: Array
     squares: Array
     prior: Prior
@@ -453,25 +353,20 @@ class LocalModel:
         """Cramér-Rao bound of each unknown (p,), inf where it is not determined."""
         return standard_uncertainty(self.inverse, self.determined)
 
-    def covariance(self, gamma_fit: GammaFit, noise: Array | None = None) -> Array:
+    def covariance(self, gamma_fit: LinearPart, noise: Array | None = None) -> Array:
         """Covariance of the values by noise (p, p), by default what `gamma_fit` has left (n,)."""
-        linear, keep = gamma_fit.part.count, gamma_fit.problem.keep
         residual = gamma_fit.residual if noise is None else noise
-        return white_covariance(self.inverse, self.rows, residual, keep, linear=linear)
+        keep = gamma_fit.problem.keep
+        return white_covariance(self.inverse, self.rows, residual, keep, linear=gamma_fit.count)
 
     def sensitivity(self, stated: tuple[str, ...], held: Array) -> Array:
-        """Change of the values over that of what is known beforehand, (p, stated + held).
-
-        Of keys with a prior, and of `held` derivatives (m, n), as in `isochrome.estimation.priors`.
+        """Change of the values over that of what is known beforehand, (p, stated + held): of keys
+        with a prior, and of `held` derivatives (m, n), see `isochrome.estimation.priors`.
         """
         stated_columns = [self.keys.index(key) for key in stated]
         cross = (self.rows @ held.T).astype(float)
         prior = self.inverse[:, stated_columns] * self.prior.weight[stated_columns]
         return np.asarray(np.hstack((prior, -self.inverse @ cross)))
-
-    def step(self, residual: Array) -> Array:
-        """Newton's step for a residual over noise (n,), from wherever that was taken."""
-        return np.asarray(self.inverse @ (self.rows @ residual).astype(float))
 
     def size(self, step: Array) -> float:
         """A step (p,) in standard uncertainties, those of the noise alone."""
@@ -481,34 +376,32 @@ class LocalModel:
 def local_model(
     keys: tuple[str, ...],
     values: Array,
-    gamma_fit: GammaFit,
+    gamma_fit: LinearPart,
     rows: Array,
     prior: Prior | None = None,
 ) -> LocalModel:
     """The model about `values` (p,), from the weighted derivatives `rows` (p, n), which change."""
     squares = np.array([np.sum(np.square(row), dtype=float) for row in rows])
-    project(rows, gamma_fit.problem, gamma_fit.part)
+    gamma_fit.project(rows)
     prior = prior or no_prior(len(keys))
     return LocalModel(keys, np.array(values, float), gamma_fit, rows, squares, prior)
 
 
 @dataclass(frozen=True)
 class RefinedFit:
-    """Where the steps ended: `values` (p,), the `local` model of the last derivatives, `gamma_fit`.
-
-    `gamma_fit` is the exact solution at the last values but a step below 0.02 standard
-    uncertainties.
+    """Where the steps ended: `values` (p,), the `local` model of the last derivatives, and the
+    solution `gamma_fit` at the last values but a step below 0.02 standard uncertainties.
     """
 
     values: Array
     local: LocalModel
-    gamma_fit: GammaFit
+    gamma_fit: LinearPart
     converged: bool = True
 
     @property
     def freedom(self) -> int:
         """Pixels less unknowns, those of the light among them."""
-        unknowns = len(self.local.keys) + self.gamma_fit.part.count
+        unknowns = len(self.local.keys) + self.gamma_fit.count
         return max(1, self.gamma_fit.residual.size - unknowns)
 
     @property
@@ -524,21 +417,20 @@ class RefinedFit:
     @property
     def positive(self) -> bool:
         """Whether the light is light."""
-        return self.gamma_fit.part.positive
+        return self.gamma_fit.positive
 
 
 def refine_fit(
     model: FrameModel,
     start: Array,
     *,
-    gamma_fit: GammaFit | None = None,
+    gamma_fit: LinearPart | None = None,
     tolerance: float = NEAR,
     iterations: int = 25,
 ) -> RefinedFit | None:
-    """Damped steps with derivatives that are kept as long as they serve: each costs a residual.
-
-    `iterations`, exact residuals at most; `tolerance`, the last step in standard uncertainties.
-    None where the start makes no scene that can be solved, PhysicsError where only the start does.
+    """Damped steps with derivatives that are kept as long as they serve; `iterations`, exact
+    residuals at most; `tolerance`, the last step in standard uncertainties. None where the start
+    makes no scene that can be solved, PhysicsError where only the start does.
     """
     values = np.clip(np.asarray(start, float), model.limits.low, model.limits.high)
     gamma_fit = gamma_fit or model.at(values)
@@ -550,7 +442,7 @@ def refine_fit(
         pull = (local.rows @ gamma_fit.residual).astype(float) + model.prior.gradient(values)
         step = model.step(local, values, pull, damping.value)
         # of all solutions only those that slopes are made of have counted what the data tell
-        size = local.size(step) / sqrt(gamma_fit.noise_of(local.gamma_fit.part.count))
+        size = local.size(step) / sqrt(gamma_fit.noise_of(local.gamma_fit.count))
         if size < tolerance:
             return RefinedFit(values + step, local, gamma_fit)
         if size > _FROZEN * last and not np.array_equal(local.values, values):
@@ -569,12 +461,11 @@ def refine_fit(
     return RefinedFit(values, local, gamma_fit, converged=False)
 
 
-def _better(trial: GammaFit, gamma_fit: GammaFit, known: tuple[float, float]) -> bool:
-    """Whether a step lowers the cost without turning the light negative: another basin's sign.
-
-    `known`, what the prior adds to the cost before and after.
+def _better(trial: LinearPart, gamma_fit: LinearPart, known: tuple[float, float]) -> bool:
+    """Whether a step lowers the cost, with what the prior adds before and after (`known`), without
+    turning the light negative: another basin's sign.
     """
-    if gamma_fit.part.positive and not trial.part.positive:
+    if gamma_fit.positive and not trial.positive:
         return False
     # the costs of two points that differ by less than the noise of their sum are alike
     return trial.cost + known[1] <= (gamma_fit.cost + known[0]) * (1.0 + 1e-6)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from isochrome.errors import InputError
-from isochrome.estimation import FrameData, PixelLight, SeparableProblem, cosine_sum, solve_linear
+from isochrome.estimation import FrameData, PixelLight, Pixels, cosine_sum, solve_linear
 from isochrome.fitting.arrays import Array, Mask
 from isochrome.fitting.frame.renderer import SceneRenderer, scene_optics, with_waves
 from isochrome.fitting.frame.unknowns import thinning
@@ -45,9 +45,9 @@ class ModelFrame:
 
 
 def evaluate_model(data: FrameData, scene: Scene, *, difference: Array | None = None) -> ModelFrame:
-    """Render a one-state scene on a frame's own pixels, and fit the linear light to it.
-
-    `difference` (rows, cols), its stress difference (MPa) where it is known already.
+    """Render a one-state scene on a frame's own pixels, its stress `difference` (MPa) perhaps
+    known, and fit the linear light to it. Chi is inf for a negative illumination; InputError where
+    no pixel is trusted.
     """
     if scene.frames.stated_gamma != data.gamma:
         data = data.toned(scene.frames.stated_gamma)
@@ -70,40 +70,18 @@ def evaluate_model(data: FrameData, scene: Scene, *, difference: Array | None = 
         return wave.every(stride).light
 
     mask = data.valid & picture.material & (picture.visibility > 0.5)
-    illumination, background, chi = fitted_light(data, signal, mask)
-    return ModelFrame(
-        pixels=grid,
-        picture=picture,
-        wave=wave,
-        signal=signal,
-        illumination=illumination,
-        background=background,
-        mask=mask,
-        chi=chi,
-    )
-
-
-def fitted_light(
-    data: FrameData, signal: Callable[[int], Array], mask: Mask
-) -> tuple[Array, Array, float]:
-    """The illumination and background (rows, cols) that fit best beside a signal, and chi.
-
-    By every few of a large frame's pixels, which know a handful of coefficients well enough. Chi is
-    inf for a negative illumination. InputError where no pixel is trusted.
-    """
+    # every few of a large frame's pixels know a handful of coefficients well enough
     stride = thinning(int(np.count_nonzero(mask)))
-    full_frame, data = data, data.every(stride)
-    mask = mask[::stride, ::stride]
-    count = int(np.count_nonzero(mask))
-    if not count:
+    thin, keep = data.every(stride), mask[::stride, ::stride]
+    if not keep.any():
         raise InputError("no_pixel_can_trusted", name=data.name)
-    weight = (1.0 / data.sigma[mask]).astype(np.float32)
-    problem = SeparableProblem(data.light[mask] * weight, weight, PixelLight(data.lamp, mask))
-    part = solve_linear(problem, signal(stride)[mask].astype(np.float32))
-    a, c = np.split(part.coefficients, [problem.light.split])
-    chi = float(np.sqrt(part.cost / max(1, count - part.count)))
-    return (
-        full_frame.lamp.illumination(a),
-        full_frame.lamp.background(c),
-        chi if part.positive else float("inf"),
-    )
+    weight = (1.0 / thin.sigma[keep]).astype(np.float32)
+    pixels = Pixels(thin.light[keep], weight, PixelLight(thin.lamp, keep))
+    part = solve_linear(pixels, signal(stride)[keep].astype(np.float32))
+    a, c = np.split(part.coefficients, [pixels.light.split])
+    chi = float(np.sqrt(part.cost / max(1, pixels.size - part.count)))
+    return ModelFrame(
+        pixels=grid, picture=picture, wave=wave, signal=signal, mask=mask,
+        illumination=data.lamp.illumination(a), background=data.lamp.background(c),
+        chi=chi if part.positive else float("inf"),
+    )  # fmt: skip

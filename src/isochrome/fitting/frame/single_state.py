@@ -21,9 +21,8 @@ def with_part(scene: Scene, part: str, **values: Any) -> Scene:
 
 
 def frame_scene(scene: Scene, state: int) -> Scene:
-    """The scene of one frame alone: its own distance, load and friction.
-
-    States count from 0, the static one first where the scene has one.
+    """The scene of one frame alone: its own distance, load and friction. States count from 0, the
+    static one first where the scene has one.
     """
     if not scene.is_contact:
         return scene
@@ -54,9 +53,8 @@ def sliding_scene(scene: Scene) -> Scene:
 
 
 def slid_until(scene: Scene, frame: Frame) -> float | None:
-    """The distance (m) slid until a frame, by time or number; None where nothing wears.
-
-    InputError where a frame has no time and needs one.
+    """The distance (m) slid until a frame, by time or number; None where nothing wears. InputError
+    where a frame has no time and needs one.
     """
     if scene.wear is None:
         return None
@@ -130,10 +128,8 @@ def with_numerics(
     nodes_per_pixel: int | None = None,
     tolerance: float | None = None,
 ) -> Scene:
-    """A contact scene with a surface grid that stays the same while its values move.
-
-    Without nodes and a tolerance as fine as a simulation of the scene: else the difference would
-    pass for physics. `room`, factor on the window that the scene's own values need.
+    """A contact scene with a surface grid that stays while its values move, with `room` in its
+    window; by default as fine as a simulation: else the difference would pass for physics.
     """
     if not scene.is_contact or scene.camera is None or scene.camera.pixel_mm is None:
         return scene

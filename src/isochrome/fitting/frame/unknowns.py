@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from math import sqrt
+from typing import Any
 
 import numpy as np
 
@@ -50,9 +51,8 @@ _SIGNED = (LEFT, TOP, TANGENTIAL)
 
 
 def free_keys(scene: Scene) -> tuple[str, ...]:
-    """The unknowns that a frame of a one-state scene can tell: load and place; friction or wear.
-
-    The friction where there is sliding, the tangential load where the contact is held.
+    """The unknowns that a frame of a one-state scene can tell: load and place, wear, and the
+    friction where there is sliding, the tangential load where the contact is held.
     """
     keys = list(specimen_model(scene).unknowns)
     if is_held(scene):
@@ -71,6 +71,14 @@ def values_of(scene: Scene, keys: tuple[str, ...]) -> Array:
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise InputError("cannot_fitted_no_number", key=key, value=value)
     return np.array(values, dtype=float)
+
+
+def scene_value(scene: Scene, key: str) -> Any:
+    """A scene's value at a key, None where its tables have none."""
+    try:
+        return scene.get(key)
+    except InputError:
+        return None
 
 
 def moved_scene(scene: Scene, keys: tuple[str, ...], values: Array) -> Scene:
@@ -142,9 +150,8 @@ def _visible_wear(scene: Scene) -> float:
 
 
 def fit_region(scene: Scene, shape: tuple[int, int], stride: int, hidden_px: float) -> Array:
-    """Pixels that a fit uses: away from where the place, or the model, decides what is seen.
-
-    False within `hidden_px` of a contact's surface; else where the specimen's model says so.
+    """Pixels that a fit uses: not within `hidden_px` of a contact's surface, nor where the
+    specimen's model is not trusted.
     """
     full_frame = pixel_grid(scene, shape)
     grid = full_frame.every(stride)
@@ -208,16 +215,12 @@ class StatedInputs:
 
 
 def stated_inputs(scene: Scene, given: Scene | None = None) -> StatedInputs:
-    """The measured numbers of a scene that have an uncertainty and move its fringes, no tables.
-
+    """The measured numbers of a scene with an uncertainty that move its fringes, no tables;
     `given`, what one frame's scene was made of, whose wear may be counted by another law.
     """
     entries = []
     for key, spread in scene.uncertainties.items():
-        try:
-            value = scene.get(key)
-        except InputError:
-            continue
+        value = scene_value(scene, key)
         outside = key.split(".")[0] in ("camera", "frames") and key not in _FOLLOWED
         if key == WEAR and given is not None and isinstance(value, int | float):
             stated = given.get(key)
@@ -242,23 +245,12 @@ def inputs_of_rows(rows: Iterable[tuple[str, float, float]]) -> StatedInputs:
 def taken_as_exact(
     scene: Scene, keys: tuple[str, ...], *, tracked: bool = False
 ) -> tuple[str, ...]:
-    """The measured numbers that move a scene's fringes and that a fit of `keys` takes as exact.
-
-    Those with a stated uncertainty, 0 too, are none of them, but for a track; what moves a load
-    most comes first.
+    """The measured numbers that move a scene's fringes and that a fit of `keys` takes as exact,
+    those that move a load most first; none that state an uncertainty, 0 too, but in a track.
     """
-    exact = []
-    counted = () if tracked else scene.uncertainties
-    for key in _MATTER:
-        if key in keys or key in counted or not _is_used(scene, key):
-            continue
-        try:
-            value = scene.get(key)
-        except InputError:
-            continue
-        if value is not None:
-            exact.append(key)
-    return tuple(exact)
+    free = keys if tracked else (*keys, *scene.uncertainties)
+    used = (key for key in _MATTER if key not in free and _is_used(scene, key))
+    return tuple(key for key in used if scene_value(scene, key) is not None)
 
 
 def _is_used(scene: Scene, key: str) -> bool:

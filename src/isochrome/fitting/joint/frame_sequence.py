@@ -4,9 +4,8 @@ The frames of a worn contact are states of one run: load, friction and wear at t
 tables over distance in one scene, and each frame is that scene at its own distance, with its past.
 """
 
-from collections import OrderedDict
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import pairwise
 from typing import Any
 
@@ -16,7 +15,7 @@ from isochrome.contact import mean_wear_rate, wear_course
 from isochrome.errors import InputError
 from isochrome.fitting.arrays import Array
 from isochrome.fitting.frame.single_state import frame_distance, frame_scene, state_scene, with_part
-from isochrome.fitting.frame.unknowns import FRICTION, LOAD, WEAR
+from isochrome.fitting.frame.unknowns import FRICTION, LOAD, WEAR, scene_value
 from isochrome.scene import DistanceTable, Scene
 from isochrome.simulation import SceneState, scene_states, state_count
 
@@ -51,10 +50,8 @@ class MeasuredArea:
 
 @dataclass(frozen=True)
 class Sequence:
-    """The unknowns of `count` frames of a `scene`.
-
-    Of a key that a run's course is made of, frames at one distance have one value: the course has
-    one there. `areas`, those of measured scars of the run.
+    """The unknowns of `count` frames of a `scene`: of a key of a run's course, frames at one
+    distance have one value. `areas`, those of measured scars of the run.
     """
 
     scene: Scene
@@ -116,10 +113,8 @@ def over_distance(points: dict[float, float]) -> Any:
 
 
 def stepwise(points: dict[float, float]) -> Any:
-    """Values that hold until some distances (m), each since the one before, as a scene takes them.
-
-    A wear coefficient between two frames is what was worn between them; one that is linear there
-    would have to swing from frame to frame to follow the noise.
+    """Values that hold until some distances (m), each since the one before, as a scene takes them:
+    a linear coefficient would swing from frame to frame to follow the noise.
     """
     ends = sorted(points)
     if len(ends) == 1:
@@ -134,10 +129,8 @@ def stepwise(points: dict[float, float]) -> Any:
 def make_sequence(
     scene: Scene, count: int, shared: tuple[str, ...], per_frame: tuple[str, ...]
 ) -> Sequence:
-    """The unknowns of `count` frames: `shared` keys of all, `per_frame` keys with a value a frame.
-
-    A frame without a key (the friction of a static one, the wear of one that has not slid) has no
-    such unknown. Raises InputError for a key that no frame has.
+    """The unknowns of `count` frames: `shared` keys of all, `per_frame` keys with a value in each
+    that has it (a static one has no friction). InputError for a key that no frame has.
     """
     unknowns: list[Unknown] = []
     given = Sequence(scene, count, ())
@@ -160,11 +153,7 @@ def _has(scene: Scene, index: int, key: str) -> bool:
     one = state_scene(scene, index)
     if key == WEAR and (one.wear is None or not one.wear.distances_m[0]):
         return False
-    try:
-        value = one.get(key)
-    except InputError:
-        return False
-    return isinstance(value, int | float | DistanceTable)
+    return isinstance(scene_value(one, key), int | float | DistanceTable)
 
 
 class SharedRun:
@@ -173,31 +162,21 @@ class SharedRun:
     def __init__(self, distances_m: tuple[float | None, ...]) -> None:
         """`distances_m` of all frames; the last few runs are kept."""
         self._distances = tuple(sorted({d for d in distances_m if d is not None}))
-        self._runs: OrderedDict[Any, list[SceneState]] = OrderedDict()
+        self._states = lru_cache(_RUNS)(scene_states)
 
     def __call__(self, scene: Scene) -> SceneState:
         """The state of a one-state scene. Raises PhysicsError where its run cannot be solved."""
         wear = scene.wear
         if wear is None or wear.distances_m[0] not in self._distances:
             return scene_states(scene)[-1]
-        all_of_it = wear.model_copy(update={"distances_m": self._distances})
-        key = (
-            scene.specimen, scene.indenter, scene.load, scene.friction, all_of_it, scene.numerics,
-        )  # fmt: skip
-        if key not in self._runs:
-            self._runs[key] = scene_states(scene.model_copy(update={"wear": all_of_it}))
-            while len(self._runs) > _RUNS:
-                self._runs.popitem(last=False)
-        self._runs.move_to_end(key)
-        return self._runs[key][self._distances.index(wear.distances_m[0])]
+        states = self._states(with_part(scene, "wear", distances_m=self._distances))
+        return states[self._distances.index(wear.distances_m[0])]
 
 
 def local_values(common: Scene, distances_m: tuple[float | None, ...]) -> Array:
-    """What frames of a run show of its course: load P (N), friction mu, worn area (mm²).
-
-    The worn area W = ∫ P' dK, with dh = p dK and ∫ p dx = P', is the scar's; a frame follows its
-    history through it all but alone: the shape at one area changes derivatives by some per cent,
-    and nothing else, since residuals are of the whole run. Returns (frames, 3).
+    """What frames of a run show of its course (frames, 3): load P (N), friction mu, worn area (mm²)
+    W = ∫ P' dK, with dh = p dK and ∫ p dx = P'. A frame follows its history through W all but
+    alone: the shape at one area changes derivatives, not residuals, by some per cent.
     """
     distances = sorted({d for d in distances_m if d is not None} | {0.0})
     history, stops = wear_course(with_part(common, "wear", distances_m=tuple(distances)))
@@ -214,10 +193,8 @@ def local_values(common: Scene, distances_m: tuple[float | None, ...]) -> Array:
 
 
 def alone_scene(scene: Scene, state: int) -> Scene:
-    """A frame of a run as if all its wear had been at its own load and friction: one state.
-
-    Worn as much as in the run, by the scene's law, or by Archard's where that wears nothing at the
-    frame's own friction.
+    """One state of a run as if all its wear had been at its own load and friction: worn as much as
+    in the run, by the scene's law, or Archard's where that wears nothing there.
     """
     distance = frame_distance(scene, state)
     if distance is None or scene.wear is None:

@@ -7,20 +7,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from isochrome.errors import InputError, PhysicsError
 from isochrome.estimation import (
     CUTOFF,
-    NOISE,
     Bounds,
-    BudgetInput,
     Damping,
     FrameData,
     Prior,
-    budget_of,
-    budgets_of,
     is_determined,
     minimise,
     sandwich,
@@ -32,9 +30,21 @@ from isochrome.fitting.causes.blocks import FrameBlocks, SolvedFrame, block_side
 from isochrome.fitting.causes.solution import Askable, Change, whole_picture
 from isochrome.fitting.causes.trial import Expected, Trial, through_a_lens
 from isochrome.fitting.frame.far_model import TOLERANCE
-from isochrome.fitting.frame.frame_fit import FrameFit, hidden_px, placed, turned_over
-from isochrome.fitting.frame.frame_model import NEAR
-from isochrome.fitting.frame.renderer import SceneRenderer
+from isochrome.fitting.frame.frame_fit import (
+    Estimate,
+    FrameFit,
+    hidden_px,
+    placed,
+    turned_over,
+    uncertainties,
+)
+from isochrome.fitting.frame.frame_model import (
+    NEAR,
+    clear_of_ends,
+    solve_with_gamma,
+    trusted_pixels,
+)
+from isochrome.fitting.frame.renderer import SceneRenderer, safe_signal
 from isochrome.fitting.frame.single_state import with_numerics
 from isochrome.fitting.frame.unknowns import (
     LOAD,
@@ -49,15 +59,18 @@ from isochrome.fitting.frame.unknowns import (
 )
 from isochrome.fitting.frame_set import PreparedFrames as FrameSet
 from isochrome.fitting.frame_set import refuse_alike
-from isochrome.fitting.joint.frame_sequence import COURSE, Sequence, Unknown, local_values
+from isochrome.fitting.joint.frame_sequence import (
+    COURSE,
+    Sequence,
+    SharedRun,
+    Unknown,
+    local_values,
+)
 from isochrome.fitting.joint.normal_equations import (
     DirectionMaps,
     NormalEquations,
-    add_up,
-    clear_region,
-    make_renderer,
+    frame_equations,
     scar_equations,
-    scar_rows,
     solved_along,
     with_number,
 )
@@ -66,9 +79,8 @@ from isochrome.scene import DistanceTable, Scene
 
 @dataclass(frozen=True)
 class JointSolution(Askable):
-    """The fit of several frames together: their `data`, with the light and pixels that were taken.
-
-    `problem`, that was solved; `progress`, called with each frame of each pass.
+    """The fit of several frames together: their `data`, with the light and pixels that were taken,
+    and the `problem` that was solved; `progress`, called with each frame of each pass.
     """
 
     data: FrameSet
@@ -111,15 +123,19 @@ class JointSolution(Askable):
         """Whether it is bright, and each value determined, and told from the others."""
         fit = self.fit
         try:
-            assert fit.information is not None
-            refuse_alike(self.unknown_keys, fit.information, fit.known)
+            refuse_alike(self.unknown_keys, fit.information, fit.inputs.keys)
         except PhysicsError:
             return False
         return super().is_sound
 
     def blocks(self) -> Iterator[FrameBlocks]:
         """Each of the frames in blocks."""
-        return map(FrameBlocks, self.problem.solved_frames(self.fit.values))
+        held, problem = self.held, self.problem
+        sequence, values = with_held(problem.sequence, held), np.r_[self.fit.values, held.values]
+        for name, solved in problem.solved_frames(sequence, values, problem.renderer()):
+            if solved is None:
+                raise PhysicsError("scene_cannot_solved_beside_values", name=name)
+            yield FrameBlocks(solved)
 
     def again(self, change: Change) -> JointSolution:
         """The fit with a change. Raises PhysicsError where it cannot be made."""
@@ -171,9 +187,8 @@ class JointSolution(Askable):
         return odd
 
     def joined(self, other: JointSolution) -> JointSolution:
-        """The fit with the light, the pixels and the keys that another one of its frames has more.
-
-        Raises PhysicsError where it cannot be made.
+        """The fit with the light, the pixels and the keys that another one of its frames has more;
+        PhysicsError where it cannot be made.
         """
         sequence, wider = self.fit.sequence, other.fit.sequence
         new = [k for k, u in enumerate(wider.unknowns) if u.key not in self.keys]
@@ -191,7 +206,17 @@ class JointSolution(Askable):
             outside = whole_picture(outside, self.data.shape)
         data, sequence = self.data.seen(change.uneven, outside), self.fit.sequence
         remaining = [k for k, u in enumerate(sequence.unknowns) if u.key not in change.held]
-        added = added_unknowns(sequence, tuple(change.added))
+        every = tuple(range(sequence.count))
+        own_load = any(u.key == LOAD and not u.shared for u in sequence.unknowns)
+        added: list[Unknown] = []
+        for key in change.added:
+            # a smooth stress is each frame's own where the load is, and its change along the
+            # surface always: that follows the friction
+            own = key in SMOOTH_KEYS and (own_load or key == SMOOTH_KEYS[1])
+            if own and sequence.count > 1:
+                added += [Unknown(key, (i,), False) for i in every]
+            else:
+                added.append(Unknown(key, every, True))
         unknowns = (*(sequence.unknowns[k] for k in remaining), *added)
         scene = sequence.scene.with_values(change.added | change.held)
         begun = [change.begun.get(sequence.unknowns[k].key, self.fit.values[k]) for k in remaining]
@@ -214,24 +239,6 @@ def solve_jointly(
     return JointSolution(data, problem, fit, progress)
 
 
-def added_unknowns(sequence: Sequence, keys: tuple[str, ...]) -> tuple[Unknown, ...]:
-    """The unknowns that some keys become: one for all frames, but for a smooth stress.
-
-    Its change along the surface follows the friction, and each frame has its own; where each has
-    its own load, each has its own of all three.
-    """
-    every = tuple(range(sequence.count))
-    own_load = any(u.key == LOAD and not u.shared for u in sequence.unknowns)
-    added: list[Unknown] = []
-    for key in keys:
-        per_frame = key in SMOOTH_KEYS and (own_load or key == SMOOTH_KEYS[1])
-        if per_frame and sequence.count > 1:
-            added += [Unknown(key, (i,), False) for i in every]
-        else:
-            added.append(Unknown(key, every, True))
-    return tuple(added)
-
-
 _ITERATIONS = 20
 _EDGE_PX = 2.0
 """Depth above which no pixel is fitted. The contrast that a pixel's area leaves is told from its
@@ -242,56 +249,25 @@ misfit beyond the noise that approximate derivatives do not resolve."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class JointFit:
-    """Fitted unknowns (p,) of a `sequence`.
-
-    `noise_uncertainty`, by the frames' noise alone; `information`, J^T J over the noise variance;
-    `chi`, residual over noise, `frame_chi` of each; `cost`, the sum of squares; `lost`, frames
-    whose light came out negative; `budget` of each unknown, empty without stated inputs, whose keys
-    are `known`. The matrices (p, p) are None where nothing ties the frames together.
+class JointFit(Estimate):
+    """Fitted unknowns of a `sequence`, the one-state `scenes` of its frames and their chi; `lost`,
+    frames whose light came out negative. Matrices are empty where nothing ties the frames.
     """
 
     sequence: Sequence
-    values: Array
-    standard_uncertainty: Array
-    cramer_rao_bound: Array
-    covariance: Array | None
-    information: Array | None
-    chi: float
-    frame_chi: tuple[float, ...]
-    cost: float
-    freedom: int
-    scene: Scene
     scenes: tuple[Scene, ...]
-    converged: bool
+    frame_chi: tuple[float, ...]
     lost: tuple[int, ...]
-    noise_uncertainty: Array
-    budget: tuple[tuple[BudgetInput, ...], ...] = ()
-    known: tuple[str, ...] = ()
 
     @property
     def unknowns(self) -> tuple[Unknown, ...]:
         """The unknowns, in the order of the values."""
         return self.sequence.unknowns
 
-    def less_sure(self, more: Array) -> JointFit:
-        """The same with a covariance that is larger by `more` (p, p), as if by noise."""
-        assert self.covariance is not None
-        variance = np.diag(more)
-        noise = np.sqrt(self.noise_uncertainty**2 + variance)
-        budgets = []
-        for noise_of, budget in zip(noise.tolist(), self.budget, strict=False):
-            inputs = [item for item in budget if item.input != NOISE]
-            rows = tuple((i.input, i.value or 0.0, i.standard_uncertainty) for i in inputs)
-            weights = np.array([item.sensitivity for item in inputs])
-            budgets.append(budget_of(noise_of, rows, weights) if budget else ())
-        return replace(
-            self,
-            covariance=self.covariance + more,
-            standard_uncertainty=np.sqrt(self.standard_uncertainty**2 + variance),
-            noise_uncertainty=noise,
-            budget=tuple(budgets),
-        )
+    @cached_property
+    def scene(self) -> Scene:
+        """The scene of all frames with the fitted values."""
+        return self.sequence.whole(self.values)
 
 
 class JointProblem:
@@ -324,14 +300,12 @@ class JointProblem:
             limits(with_number(self.first[unknown.frames[0]], unknown.key), (unknown.key,))
             for unknown in sequence.unknowns
         ]
-        self.bounds = Bounds(
-            np.concatenate([end.low for end in ends]), np.concatenate([end.high for end in ends])
-        )
+        low, high = ([getattr(end, name)[0] for end in ends] for name in ("low", "high"))
+        self.bounds = Bounds(np.array(low), np.array(high))
 
     def fitted(self, start: Array) -> JointFit:
-        """Least squares over the intensities of all frames, first thinned, then on every pixel.
-
-        PhysicsError where the start cannot be solved or a key changes nothing.
+        """Least squares over all frames, first thinned, then on every pixel; PhysicsError where the
+        start cannot be solved or a key changes nothing.
         """
         values, _, _ = self.solve(start, self.coarse_stride, TOLERANCE)
         self.keep_clear(values)
@@ -342,10 +316,10 @@ class JointProblem:
         self, values: Array, stride: int, tolerance: float
     ) -> tuple[Array, NormalEquations, bool]:
         """Damped steps inside the bounds; the last, which is small, is taken unseen."""
-        renderer = make_renderer(self.sequence, self.first[0], self.shape, stride)
+        renderer = self.renderer(stride)
 
         def at(where: Array) -> NormalEquations | None:
-            sums = self._sums(self.sequence, where, renderer, stride)
+            sums = self.equations(self.sequence, where, renderer)
             return sums and sums.known(self.prior, where)
 
         normal = at(values)
@@ -366,26 +340,62 @@ class JointProblem:
         end = sums.values + sums.step if sums.converged else sums.values
         return end, sums.point, sums.converged
 
-    def _sums(
-        self, sequence: Sequence, values: Array, renderer: SceneRenderer, stride: int
+    def equations(
+        self, sequence: Sequence, values: Array, renderer: SceneRenderer
     ) -> NormalEquations | None:
-        """The normal equations of frames and measured scars at some values."""
-        sums = add_up(
-            (data.every(stride) for data in self.frames), sequence, values,
-            renderer=renderer, progress=self.progress, exact=self.prior.any,
-            regions=lambda i: self._region(i, stride),
-        )  # fmt: skip
-        return sums and (sums + scar_equations(sequence, values) if sequence.areas else sums)
+        """The normal equations of frames and measured scars at some values (p,) of a sequence; None
+        where they cannot be solved.
+        """
+        total = scar_equations(sequence, values) if sequence.areas else None
+        for _, solved in self.solved_frames(sequence, values, renderer):
+            if solved is None:
+                return None
+            part = frame_equations(solved.gamma_fit, solved.rows, exact=self.prior.any)
+            part = part.along(solved.along)
+            total = part if total is None else total + part
+        return total
+
+    def solved_frames(
+        self, sequence: Sequence, values: Array, renderer: SceneRenderer
+    ) -> Iterator[tuple[str, SolvedFrame | None]]:
+        """Each frame's name, its residual and derivatives by all that is in a sequence, None where
+        its scene, or one beside it, cannot be solved.
+        """
+        maps, stride = DirectionMaps(sequence, values), renderer.stride
+        for i, data in enumerate(self.frames):
+            here = placed(sequence.frame(maps.whole, values, i), self.shape)
+            moved, region = maps.beside(i, both=self.prior.any), self._region(i, stride)
+            solved = solved_along(data.every(stride), here, moved, renderer=renderer, region=region)
+            if solved is None:
+                yield data.name, None
+                return
+            pixels, gamma_fit, rows = solved
+            yield data.name, SolvedFrame(
+                data=data, scene=here, pixels=pixels, gamma_fit=gamma_fit, renderer=renderer,
+                rows=rows, along=maps.columns(i), unknowns=len(self.sequence.unknowns),
+            )  # fmt: skip
+            self.progress()
+
+    def renderer(self, stride: int = 1) -> SceneRenderer:
+        """A renderer of all frames, which solves a run once for all of them."""
+        solve = SharedRun(self.sequence.distances_m)
+        return SceneRenderer(self.first[0], self.shape, stride=stride, solve=solve)
 
     def keep_clear(self, values: Array) -> None:
         """Leave out the pixels whose model at some values is near black or white, see `gamma`."""
-        renderer = make_renderer(self.sequence, self.first[0], self.shape, 1)
-        common, scenes = self.sequence.whole(values), []
-        for i, data in enumerate(self.frames):
-            here, region = self.sequence.frame(common, values, i), self._region(i, 1)
-            scenes.append(np.packbits(clear_region(data, here, renderer=renderer, region=region)))
+        renderer, masks = self.renderer(), []
+        for i, (data, here) in enumerate(
+            zip(self.frames, self._scenes(self.sequence, values), strict=True)
+        ):
+            gamma, region = here.frames.stated_gamma, self._region(i, 1)
+            pixels = trusted_pixels(data, region)
+            gamma_fit = solve_with_gamma(pixels, safe_signal(renderer, here)[pixels.keep], gamma)
+            if gamma_fit is not None:
+                region = region.copy()
+                region[pixels.keep] = clear_of_ends(pixels, gamma_fit.model, gamma)
+            masks.append(np.packbits(region))
             self.progress()
-        self._clear = scenes
+        self._clear = masks
 
     def _region(self, index: int, stride: int) -> Array:
         """The pixels of a frame that are fitted."""
@@ -405,29 +415,20 @@ class JointProblem:
         for unknown, limit in zip(self.sequence.unknowns, bound.tolist(), strict=True):
             if unknown.shared and not np.isfinite(limit):
                 raise PhysicsError("does_not_change_fringes", key=unknown.key)
-        noise = sandwich(inverse, normal.middle)
         inputs, sensitivity = self._sensitivity(values, inverse)
-        covariance = noise + (sensitivity * inputs.spread**2) @ sensitivity.T
-        noise_spread = standard_uncertainty(noise, determined)
         freedom = max(1, normal.freedom - values.size)
-        cost = normal.cost - normal.prior_cost
         return JointFit(
-            sequence=self.given, values=values,
-            standard_uncertainty=standard_uncertainty(covariance, determined),
-            cramer_rao_bound=bound, covariance=covariance, information=information,
-            chi=float(np.sqrt(cost / freedom)), frame_chi=normal.chi, cost=cost, freedom=freedom,
-            scene=self.given.whole(values), scenes=self._scenes(self.given, values),
+            sequence=self.given, values=values, cramer_rao_bound=bound, information=information,
+            **uncertainties(sandwich(inverse, normal.middle), inputs, sensitivity, determined),
+            chi=float(np.sqrt((normal.cost - normal.prior_cost) / freedom)), freedom=freedom,
+            scenes=self._scenes(self.given, values), frame_chi=normal.chi,
             converged=converged and bool(np.all(determined)),
             lost=tuple(i for i, good in enumerate(normal.positive) if not good),
-            noise_uncertainty=noise_spread,
-            budget=budgets_of(noise_spread, inputs.rows, sensitivity), known=inputs.keys,
         )  # fmt: skip
 
     def _sensitivity(self, values: Array, inverse: Array) -> tuple[StatedInputs, Array]:
-        """What is known beforehand (m,), and the values' change with it (p, m).
-
-        A key that each frame has of its own has one statement for all of them. Raises PhysicsError
-        where the scene cannot be solved beside an input that is held.
+        """What is known beforehand (m,), one statement for all frames, and the values' change with
+        it (p, m); PhysicsError where the scene cannot be solved beside an input that is held.
         """
         unknowns, held = self.sequence.unknowns, self.held
         keys = [u.key for u in unknowns]
@@ -438,49 +439,13 @@ class JointProblem:
             for places in ([k for k, key in enumerate(keys) if key == one] for one in stated.keys)
         ]
         if held.keys:
-            wider = self._with_held()
-            renderer = make_renderer(self.sequence, self.first[0], self.shape, 1)
-            sums = self._sums(wider, np.r_[values, held.values], renderer, 1)
+            wider = with_held(self.sequence, held)
+            sums = self.equations(wider, np.r_[values, held.values], self.renderer())
             if sums is None:
                 raise PhysicsError("scene_cannot_solved_beside_these", keys=", ".join(held.keys))
             columns += list(-(inverse @ sums.normal[: len(keys), len(keys) :]).T)
         rows = inputs_of_rows([*stated.rows, *held.rows])
         return rows, np.array(columns).reshape(-1, len(keys)).T
-
-    def _with_held(self) -> Sequence:
-        """The sequence with what is stated and held as unknowns of all frames, behind its own."""
-        every = tuple(range(self.sequence.count))
-        added = tuple(Unknown(key, every, True) for key in self.held.keys)
-        return replace(self.sequence, unknowns=(*self.sequence.unknowns, *added))
-
-    def solved_frames(self, values: Array) -> Iterator[SolvedFrame]:
-        """Each frame where a fit ended: its residual, and its derivatives by all that is in it.
-
-        Raises PhysicsError where a scene beside its own cannot be solved.
-        """
-        sequence = self._with_held()
-        values = np.r_[values, self.held.values]
-        maps = DirectionMaps(sequence, values)
-        renderer = make_renderer(self.sequence, self.first[0], self.shape, 1)
-        for i, data in enumerate(self.frames):
-            here = placed(sequence.frame(maps.whole, values, i), self.shape)
-            moved = maps.beside(i, both=self.prior.any)
-            region = self._region(i, 1)
-            solved = solved_along(data, here, moved, renderer=renderer, region=region)
-            if solved is None:
-                raise PhysicsError("scene_cannot_solved_beside_values", name=data.name)
-            pixels, gamma_fit, rows = solved
-            yield SolvedFrame(
-                data=data,
-                scene=here,
-                pixels=pixels,
-                gamma_fit=gamma_fit,
-                renderer=renderer,
-                rows=rows,
-                along=maps.columns(i),
-                unknowns=len(self.sequence.unknowns),
-            )
-            self.progress()
 
     def _scenes(self, sequence: Sequence, values: Array) -> tuple[Scene, ...]:
         """The scene of each frame at some values (p,)."""
@@ -489,19 +454,22 @@ class JointProblem:
         return tuple(placed(sequence.frame(common, values, i), self.shape) for i in frames)
 
 
+def with_held(sequence: Sequence, held: StatedInputs) -> Sequence:
+    """A sequence with what is held as unknowns of all frames, behind its own."""
+    every = tuple(range(sequence.count))
+    added = tuple(Unknown(key, every, True) for key in held.keys)
+    return replace(sequence, unknowns=(*sequence.unknowns, *added))
+
+
 _LEAST = 1e-2
 """Least share of the scene's own wear that a fit starts with."""
-_STEPS = 4
-"""Steps to what a frame and scars say together: W is all but linear over their uncertainties."""
 
 
 def is_each(sequence: Sequence) -> bool:
-    """Whether each frame's own fit is all that can be known of it: nothing is shared, no history.
-
-    Not where a frame shows a state that other distances led to, nor where scars were measured of a
-    run of several.
+    """Whether each frame's own fit is all that can be known of it: nothing is shared, no history,
+    no measured scar.
     """
-    if sequence.areas and sequence.count > 1:
+    if sequence.areas:
         return False
     scene = sequence.scene
     given = [key for key in COURSE if getattr(scene, key.partition(".")[0]) is not None]
@@ -514,23 +482,25 @@ def is_each(sequence: Sequence) -> bool:
 def fit_of_each(sequence: Sequence, single_fits: list[FrameFit]) -> JointFit:
     """The fits of frames that nothing ties together as one of all of them, without matrices."""
     wider = _with_own_keys(sequence, single_fits)
-    first = [(single_fits[unknown.frames[0]], unknown.key) for unknown in wider.unknowns]
-    values, spread, noise, bound = (
-        np.array([getattr(fit, name)[fit.keys.index(key)] for fit, key in first])
+    own = [(single_fits[u.frames[0]], u.key) for u in wider.unknowns]
+    places = [(fit, fit.keys.index(key)) for fit, key in own]
+    parts: dict[str, Any] = {
+        name: np.array([getattr(fit, name)[k] for fit, k in places])
         for name in ("values", "standard_uncertainty", "noise_uncertainty", "cramer_rao_bound")
-    )
-    known = tuple(dict.fromkeys(key for fit in single_fits for key in fit.inputs.keys))
-    cost = sum(fit.chi**2 * fit.freedom for fit in single_fits)
-    freedom = sum(fit.freedom for fit in single_fits)
+    }
+    rows = {row[0]: row for fit in single_fits for row in fit.inputs.rows}
+    sensitivity = np.full((len(places), len(rows)), np.nan)
+    for line, (fit, k) in zip(sensitivity, places, strict=True):
+        line[[[*rows].index(key) for key in fit.inputs.keys]] = fit.sensitivity[k]
+    freedom, chi = np.array([(fit.freedom, fit.chi) for fit in single_fits]).T
+    none = np.empty((0, 0))
     return JointFit(
-        sequence=wider, values=values, standard_uncertainty=spread, cramer_rao_bound=bound,
-        covariance=None, information=None, chi=float(np.sqrt(cost / freedom)),
-        frame_chi=tuple(fit.chi for fit in single_fits), cost=cost, freedom=freedom,
-        scene=wider.whole(values), scenes=tuple(fit.scene for fit in single_fits),
+        sequence=wider, **parts, covariance=none, information=none, freedom=int(freedom.sum()),
+        inputs=inputs_of_rows(rows.values()), sensitivity=sensitivity,
+        chi=float(np.sqrt(freedom @ chi**2 / freedom.sum())), frame_chi=tuple(chi.tolist()),
+        scenes=tuple(fit.scene for fit in single_fits),
         converged=all(fit.converged for fit in single_fits),
         lost=tuple(i for i, fit in enumerate(single_fits) if not fit.positive),
-        noise_uncertainty=noise,
-        budget=tuple(fit.budget_of_key(key) if known else () for fit, key in first), known=known,
     )  # fmt: skip
 
 
@@ -550,73 +520,36 @@ def _with_own_keys(sequence: Sequence, single_fits: list[FrameFit]) -> Sequence:
     return replace(sequence, unknowns=(*sequence.unknowns, *added))
 
 
-def with_scars(joint: JointFit, single_fit: FrameFit) -> JointFit:
-    """The fit of a single frame, by `fit_of_each`, with the worn areas measured beside it.
-
-    The frame says v0 with covariance C of all but what is held; an area A of uncertainty u says
-    W(v), H = dW/dv / u: v = v0 + K ((A - W(v))/u + H (v - v0)), K = C H^T (H C H^T + 1)^-1, of
-    covariance (1 - K H) C. Source: Rodgers (2000), Inverse methods for atmospheric sounding, 5.3.
-    """
-    keys, known, sensitivity = single_fit.keys, single_fit.inputs, single_fit.sensitivity
-    held = known.some(keys, free=False)
-    added = tuple(Unknown(key, (0,), True) for key in held.keys)
-    wider = replace(joint.sequence, unknowns=(*joint.sequence.unknowns, *added))
-    size, free = single_fit.values.size, sensitivity.shape[1] - len(held.keys)
-    by_held = sensitivity[:, free:]
-    prior = single_fit.covariance - (by_held * held.spread**2) @ by_held.T
-    values = single_fit.values
-    for _ in range(_STEPS):
-        rows, residual = scar_rows(wider, np.r_[values, held.values])
-        slope = rows[:size].T
-        spread = slope @ prior @ slope.T + np.eye(residual.size)
-        gain = np.linalg.solve(spread, slope @ prior).T
-        values = single_fit.values + gain @ (residual + slope @ (values - single_fit.values))
-    _, residual = scar_rows(wider, np.r_[values, held.values])
-    complement = np.eye(size) - gain @ slope
-    noise = single_fit.covariance - (sensitivity * known.spread**2) @ sensitivity.T
-    noise = complement @ noise @ complement.T + gain @ gain.T
-    sensitivity = complement @ sensitivity
-    sensitivity[:, free:] -= gain @ rows[size:].T  # what is held moves the areas too
-    covariance = noise + (sensitivity * known.spread**2) @ sensitivity.T
-    information = single_fit.information + slope.T @ slope
-    inverse = scaled_inverse(information + known.prior(keys).normal, CUTOFF)
-    every = np.ones(size, dtype=bool)
-    moved = values - single_fit.values
-    cost = joint.cost + float(moved @ single_fit.information @ moved + residual @ residual)
-    noise_spread = standard_uncertainty(noise, every)
-    freedom = joint.freedom + residual.size
-    return replace(
-        joint, values=values, standard_uncertainty=standard_uncertainty(covariance, every),
-        cramer_rao_bound=standard_uncertainty(inverse, every), covariance=covariance,
-        information=information, chi=float(np.sqrt(cost / freedom)), cost=cost, freedom=freedom,
-        scene=joint.sequence.whole(values),
-        scenes=(single_fit.scene.with_values(dict(zip(keys, values.tolist(), strict=True))),),
-        noise_uncertainty=noise_spread, budget=budgets_of(noise_spread, known.rows, sensitivity),
-    )  # fmt: skip
-
-
 def starting_values(sequence: Sequence, single_fits: list[FrameFit]) -> Array:
-    """Where the joint fit starts: own values, means weighted by uncertainty, wear by worn areas.
-
+    """Where the joint fit starts: means of own values weighted by uncertainty, wear by worn areas.
     PhysicsError for an unknown that no frame tells, nor a measured scar.
     """
-    for unknown in sequence.unknowns:
-        if sequence.areas and unknown.key in COURSE:
-            continue  # a scar may tell it; what nothing tells is refused where the fit ends
-        refuse_undetermined(unknown.key, [single_fits[i] for i in unknown.frames])
     values = np.empty(len(sequence.unknowns))
     for k, unknown in enumerate(sequence.unknowns):
         fits = [single_fits[i] for i in unknown.frames]
+        # a scar may tell what they do not; what nothing tells is refused where the fit ends
+        if not (sequence.areas and unknown.key in COURSE):
+            refuse_undetermined(unknown.key, fits)
         weights = [1.0 / max(_spread(fit, unknown.key), 1e-300) ** 2 for fit in fits]
         each = [fit.values[fit.keys.index(unknown.key)] for fit in fits]
         values[k] = np.average(each, weights=weights if any(weights) else None)
     worn = [k for k, u in enumerate(sequence.unknowns) if u.key == WEAR]
-    if worn:
-        coefficient = sequence.scene.get(WEAR)
-        values[worn] = (
-            np.mean(coefficient.value) if isinstance(coefficient, DistanceTable) else coefficient
+    if not worn:
+        return values
+    # worn areas, over what the scene's own coefficient gives there
+    coefficient = sequence.scene.get(WEAR)
+    values[worn] = np.mean(getattr(coefficient, "value", coefficient))
+    common, ratios, weights = sequence.whole(values), [], []
+    for i in {i for k in worn for i in sequence.unknowns[k].frames}:
+        fit, own = single_fits[i], sequence.frame(common, values, i)
+        fitted, given = (
+            local_values(s, sequence.distances_m[i : i + 1])[0, 2] for s in (fit.scene, own)
         )
-        values[worn] *= _wear_factors(sequence, values, single_fits, worn)
+        ratios.append(fitted / given)
+        known = fit.values[fit.keys.index(WEAR)] / _spread(fit, WEAR)
+        weights.append(max(1.0, known) ** 2)
+    # a start of next to no wear, and not of none: a step is a share of it
+    values[worn] *= max(_LEAST, float(np.average(ratios, weights=weights)))
     return values
 
 
@@ -624,32 +557,6 @@ def refuse_undetermined(key: str, fits: Iterable[FrameFit]) -> None:
     """Raise PhysicsError where none of some frames' own fits tells a key."""
     if not any(np.isfinite(_spread(fit, key)) for fit in fits):
         raise PhysicsError("does_not_change_fringes", key=key)
-
-
-def _wear_factors(
-    sequence: Sequence, values: Array, single_fits: list[FrameFit], worn: list[int]
-) -> Array:
-    """Worn area between frames, over what the scene's own wear coefficient gives there."""
-    common, fitted, given, weights = sequence.whole(values), [], [], []
-    for k in worn:
-        for i in sequence.unknowns[k].frames:
-            fit, distance = single_fits[i], sequence.distances_m[i]
-            assert distance is not None
-            fitted.append(local_values(fit.scene, (distance,))[0, 2])
-            given.append(local_values(sequence.frame(common, values, i), (distance,))[0, 2])
-            known = fit.values[fit.keys.index(WEAR)] / _spread(fit, WEAR)
-            weights.append(max(1.0, known) ** 2)
-    # a start of next to no wear, and not of none: a step is a share of it
-    average = max(_LEAST, float(np.average(np.divide(fitted, given), weights=weights)))
-    even = np.full(len(worn), average)
-    if len(worn) == 1 or not sequence.run:
-        return even
-    order = np.argsort([sequence.distances_m[sequence.unknowns[k].frames[0]] or 0.0 for k in worn])
-    last = [sum(len(sequence.unknowns[k].frames) for k in worn[: j + 1]) - 1 for j in order]
-    worn_since, expected = (np.diff(np.array(v)[last], prepend=0.0) for v in (fitted, given))
-    factors = np.empty(len(worn))
-    factors[order] = worn_since / expected
-    return factors if np.all(factors > 0.1 * even) else even
 
 
 def _spread(fit: FrameFit, key: str) -> float:

@@ -1,4 +1,4 @@
-"""The normal equations of many frames, added up frame by frame: memory holds one of them.
+"""The normal equations of a frame, which are added up: memory holds one frame of many.
 
 Each frame's linear parts are eliminated on their own; J^T J and J^T r add up. A frame of a run
 shows load, friction and worn area: it is rendered once more for each, and the chain rule through
@@ -18,47 +18,31 @@ Source: Archard (1953), J. Appl. Phys. 24, 981.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Collection
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from isochrome.errors import InputError
-from isochrome.estimation import STEP, FrameData, Prior, gradient_covariance, project
+from isochrome.estimation import STEP, FrameData, LinearPart, Pixels, Prior, gradient_covariance
 from isochrome.fitting.arrays import Array
-from isochrome.fitting.frame.frame_model import (
-    ENOUGH,
-    GammaFit,
-    Pixels,
-    clear_of_ends,
-    gamma_slope,
-    solve_with_gamma,
-    trusted_pixels,
-)
+from isochrome.fitting.frame.frame_model import gamma_slope, solve_with_gamma, trusted_pixels
 from isochrome.fitting.frame.renderer import SceneRenderer, safe_signal
 from isochrome.fitting.frame.unknowns import FRICTION, LOAD, WEAR, scales
-from isochrome.fitting.joint.frame_sequence import (
-    COURSE,
-    MeasuredArea,
-    Sequence,
-    SharedRun,
-    local_values,
-)
+from isochrome.fitting.joint.frame_sequence import COURSE, MeasuredArea, Sequence, local_values
 from isochrome.messages import message
 from isochrome.output import with_uncertainty
-from isochrome.scars import LevelledTrace, levelled, read_trace, student_factor_of
+from isochrome.scars import levelled, read_trace, student_factor_of
 from isochrome.scene import DistanceTable, Scene
 
 
 @dataclass(frozen=True, kw_only=True)
 class NormalEquations:
-    """Sums over frames at one set of values: `normal` J^T J (p, p) and `gradient` J^T r (p,).
-
-    `middle`, Σ r² j j^T, widened by the residuals' correlation; `squares` (p,), of rows with the
-    linear parts; `cost`, over noise; `freedom`, pixels less linear unknowns; `positive`, False
-    where a frame's light came out negative; `chi` of each frame; `prior_cost`, what is known
-    beforehand adds.
+    """Sums over frames at one set of values: `normal` J^T J (p, p), `gradient` J^T r (p,);
+    `middle`, Σ r² j j^T with the residuals' correlation; `squares` (p,), of rows with the linear
+    parts; `cost`, over noise, with the `prior_cost`; `freedom`, pixels less linear unknowns;
+    `positive` light and `chi` of each frame.
     """
 
     normal: Array
@@ -100,62 +84,19 @@ class NormalEquations:
         )
 
 
-def add_up(
-    frames: Iterable[FrameData],
-    sequence: Sequence,
-    values: Array,
-    *,
-    renderer: SceneRenderer,
-    regions: Callable[[int], Array],
-    progress: Callable[[], None],
-    exact: bool = False,
-) -> NormalEquations | None:
-    """The normal equations of all frames at `values` (p,); None where they cannot be solved.
-
-    `frames`, as thin as the renderer; `regions`, a frame's pixels to use; `exact`: derivatives by
-    both sides, and products in double precision.
+def frame_equations(gamma_fit: LinearPart, rows: Array, *, exact: bool = False) -> NormalEquations:
+    """One frame's normal equations along its directions, `rows` (d, n), which change; its `squares`
+    are a matrix, of each two directions.
     """
-    maps = DirectionMaps(sequence, values)
-    total: NormalEquations | None = None
-    for i, data in enumerate(frames):
-        here = sequence.frame(maps.whole, values, i)
-        moved = maps.beside(i, both=exact)
-        region = regions(i)
-        part = linearise_frame(data, here, moved, renderer=renderer, region=region, exact=exact)
-        if part is None:
-            return None
-        part = part.along(maps.columns(i))
-        total = part if total is None else total + part
-        progress()
-    return total
-
-
-def linearise_frame(
-    data: FrameData,
-    here: Scene,
-    moved: list[tuple[Scene, ...]],
-    *,
-    renderer: SceneRenderer,
-    region: Array,
-    exact: bool = False,
-) -> NormalEquations | None:
-    """One frame's normal equations along its directions: scenes `moved` beside the one `here`.
-
-    Its `squares` are a matrix, of each two directions. None where a scene cannot be solved.
-    """
-    solved = solved_along(data, here, moved, renderer=renderer, region=region)
-    if solved is None:
-        return None
-    pixels, gamma_fit, rows = solved
     squares = rows @ rows.T
-    project(rows, gamma_fit.problem, gamma_fit.part)
+    gamma_fit.project(rows)
     precise = rows.astype(float) if exact else rows
-    freedom = pixels.size - gamma_fit.part.count
+    freedom = gamma_fit.residual.size - gamma_fit.count
     return NormalEquations(
         normal=(precise @ precise.T).astype(float),
-        middle=gradient_covariance(rows, gamma_fit.residual, pixels.keep),
+        middle=gradient_covariance(rows, gamma_fit.residual, gamma_fit.problem.keep),
         gradient=(rows @ gamma_fit.residual).astype(float), squares=squares.astype(float),
-        cost=gamma_fit.cost, freedom=freedom, positive=(gamma_fit.part.positive,),
+        cost=gamma_fit.cost, freedom=freedom, positive=(gamma_fit.positive,),
         chi=(float(np.sqrt(gamma_fit.cost / max(1, freedom))),),
     )  # fmt: skip
 
@@ -167,7 +108,7 @@ def solved_along(
     *,
     renderer: SceneRenderer,
     region: Array,
-) -> tuple[Pixels, GammaFit, Array] | None:
+) -> tuple[Pixels, LinearPart, Array] | None:
     """A frame's pixels, their light, and the weighted derivatives along its directions (d, n)."""
     gamma = here.frames.stated_gamma
     free = [ahead.frames.stated_gamma - gamma for ahead, *_ in moved]
@@ -184,71 +125,44 @@ def solved_along(
         ahead, *behind = (safe_signal(renderer, scene)[pixels.keep] for scene in scenes)
         both = bool(behind) and bool(np.isfinite(behind[0].sum()))
         np.subtract(ahead, behind[0] if both else signal, out=row)
-        row *= gamma_fit.part.amplitude / np.float32(1 + both)
+        row *= gamma_fit.amplitude / np.float32(1 + both)
     return (pixels, gamma_fit, rows) if np.isfinite(rows.sum()) else None
 
 
-def clear_region(data: FrameData, here: Scene, *, renderer: SceneRenderer, region: Array) -> Array:
-    """A frame's region without pixels whose model is near black or white, where noise is cut."""
-    gamma = here.frames.stated_gamma
-    pixels = trusted_pixels(data, region)
-    gamma_fit = solve_with_gamma(pixels, safe_signal(renderer, here)[pixels.keep], gamma)
-    if gamma_fit is None:
-        return region
-    clear = clear_of_ends(pixels, gamma_fit.model, gamma)
-    if np.count_nonzero(clear) <= ENOUGH * clear.size:
-        return region
-    joined = region.copy()
-    joined[pixels.keep] = clear
-    return joined
-
-
 class DirectionMaps:
-    """Directions in which each frame is rendered once more, and what they say of the unknowns.
-
-    A direction is a key moved by one step, over all distances where it is part of the course.
+    """Directions in which each frame is rendered once more, keys moved by one step over all
+    distances of the course, and what they say of the unknowns.
     """
 
     def __init__(self, sequence: Sequence, values: Array) -> None:
         self.sequence, self.values = sequence, values
-        self.whole = sequence.whole(values)
-        self.course = [
-            key
-            for key in COURSE
-            if sequence.in_course(key) and key in {u.key for u in sequence.unknowns}
-        ]
-        self._steps = {u.key: difference_step(self.whole, u.key) for u in sequence.unknowns}
-        self._moved: dict[str, Scene] = {}
-        self._courses: dict[tuple[str, float], Scene] = {}
-        if self.course:
-            for key in (*self.course, WEAR):
-                step = self._steps.setdefault(key, difference_step(self.whole, key))
-                moved = self._moved[key] = moved_values(self.whole, key, step)
-                self._courses[key, step] = moved
-            self._local = local_values(self.whole, sequence.distances_m)
+        self.whole, distances = sequence.whole(values), sequence.distances_m
+        keys = dict.fromkeys(u.key for u in sequence.unknowns)
+        course = [key for key in COURSE if key in keys and sequence.in_course(key)]
+        self._course = {*course, WEAR} if course else set()
+        self._steps = {key: difference_step(self.whole, key) for key in {*keys, *self._course}}
+        if course:
+            self._local = local_values(self.whole, distances)
             self._along = {
-                key: local_values(scene, sequence.distances_m) - self._local
-                for key, scene in self._moved.items()
+                key: local_values(moved_values(self.whole, key, self._steps[key]), distances)
+                - self._local
+                for key in self._course
             }
-            self._by_unknown = local_slopes(
-                sequence, values, sequence.distances_m, self._local, self.course
-            )
+            self._by_unknown = local_slopes(sequence, values, distances, self._local, course)
 
     def keys(self, index: int) -> list[str]:
         """The directions of a frame."""
-        plain = [k for k in self.sequence.acting(index) if k not in self.course]
-        if not self.course:
+        plain = [key for key in self.sequence.acting(index) if key not in self._course]
+        if not self._course:
             return plain
         _, friction, worn = (self._local[index] != 0.0).tolist()
         sliding = self.sequence.distances_m[index] is not None
         shown = {LOAD: True, FRICTION: sliding or friction, WEAR: worn}
-        return plain + [k for k in COURSE if shown[k] and k in self._moved]
+        return plain + [key for key in COURSE if shown[key] and key in self._course]
 
     def beside(self, index: int, *, both: bool = False) -> list[tuple[Scene, ...]]:
-        """A frame's scenes moved by one step along each of its keys; by one back too, for `both`.
-
-        What only priors tell apart needs both sides of a value: the curvature of a fringe is a per
-        cent of a one-sided difference, and would pass for a difference of the two.
+        """A frame's scenes moved by one step along each of its keys; by one back too, for `both`:
+        what only priors tell apart needs both sides of a value.
         """
         here = self.sequence.frame(self.whole, self.values, index)
         slopes = []
@@ -261,25 +175,23 @@ class DirectionMaps:
         return slopes
 
     def _beside(self, here: Scene, key: str, index: int, step: float) -> Scene:
-        """A frame's scene moved by a step along a key."""
-        if key not in self._moved:
+        """A frame's scene moved by a step along a key, of a run's course with all its frames."""
+        if key not in self._course:
             return moved_values(here, key, step)
-        if (key, step) not in self._courses:  # one for all frames, whose run is solved once
-            self._courses[key, step] = moved_values(self.whole, key, step)
-        return self.sequence.frame(self._courses[key, step], self.values, index)
+        return self.sequence.frame(moved_values(self.whole, key, step), self.values, index)
 
     def columns(self, index: int) -> Array:
         """Steps along each direction that one unit of each unknown makes, (directions, p)."""
         keys = self.keys(index)
         matrix = np.zeros((len(keys), len(self.sequence.unknowns)))
         for column, unknown in enumerate(self.sequence.unknowns):
-            if index in unknown.frames and unknown.key in keys and unknown.key not in self.course:
+            if index in unknown.frames and unknown.key in keys and unknown.key not in self._course:
                 matrix[keys.index(unknown.key), column] = 1.0 / self._steps[unknown.key]
-        inside = [k for k in keys if k in self._moved]
+        inside = [key for key in keys if key in self._course]
         if inside:
-            which = [COURSE.index(k) for k in inside]
-            square = np.array([self._along[k][index, which] for k in inside]).T
-            rows = [keys.index(k) for k in inside]
+            which = [COURSE.index(key) for key in inside]
+            square = np.array([self._along[key][index, which] for key in inside]).T
+            rows = [keys.index(key) for key in inside]
             matrix[rows] += np.linalg.solve(square, self._by_unknown[:, index, which].T)
         return matrix
 
@@ -323,13 +235,6 @@ def with_number(scene: Scene, key: str) -> Scene:
     return scene.with_values({key: value.value[0]}) if isinstance(value, DistanceTable) else scene
 
 
-def make_renderer(
-    sequence: Sequence, common: Scene, shape: tuple[int, int], stride: int
-) -> SceneRenderer:
-    """A renderer of all frames of a sequence, which solves a run once for all of them."""
-    return SceneRenderer(common, shape, stride=stride, solve=SharedRun(sequence.distances_m))
-
-
 _WEARING = ("specimen", "load", "friction", "wear")
 """Parts of a scene that the worn area goes with."""
 _CONTRADICTS = 3.0
@@ -343,47 +248,34 @@ def refuse_scars(sequence: Sequence) -> None:
 
 
 def measured_areas(scene: Scene) -> tuple[MeasuredArea, ...]:
-    """Read the worn areas of a scene's [[scar]].
-
-    Raises InputError for a trace that cannot be read or levelled, PhysicsError where one shows no
-    scar.
+    """The worn areas of a scene's [[scar]]; InputError for a trace that cannot be read or levelled,
+    PhysicsError where one shows no scar.
     """
     traces = [levelled(read_trace(scene.path(scar.file))) for scar in scene.scar]
-    return tuple(
-        MeasuredArea(scar.file, scar.distance_m, trace.worn_area_mm2, spread, trace.messages)
-        for scar, trace, spread in zip(scene.scar, traces, _spreads(traces), strict=True)
-    )
-
-
-def _spreads(traces: list[LevelledTrace]) -> list[float]:
-    """The standard uncertainties of traces' worn areas beside each other, mm².
-
-    Student's factor is that of their weighted mean, with 1 / Σ share² / ν degrees of freedom: of
-    each alone it would count the noise's scale over again. Source: Welch (1947), Biometrika 34, 28;
-    Satterthwaite (1946), Biometrics Bull. 2, 110.
-    """
     if not traces:
-        return []
+        return ()
+    # Student's factor is that of the traces' weighted mean, with 1 / Σ share² / ν degrees of
+    # freedom: of each alone it would count the noise's scale over again. Source: Welch (1947),
+    # Biometrika 34, 28; Satterthwaite (1946), Biometrics Bull. 2, 110
     variance = np.array([t.worn_area_uncertainty_mm2**2 / t.student_factor for t in traces])
     share = (1.0 / variance) / np.sum(1.0 / variance)
     freedom = 1.0 / np.sum(share**2 / np.array([t.degrees_of_freedom for t in traces]))
-    return list(np.sqrt(variance * student_factor_of(float(freedom))).tolist())
+    spreads = np.sqrt(variance * student_factor_of(float(freedom))).tolist()
+    return tuple(
+        MeasuredArea(scar.file, scar.distance_m, trace.worn_area_mm2, spread, trace.messages)
+        for scar, trace, spread in zip(scene.scar, traces, spreads, strict=True)
+    )
 
 
-def scar_rows(sequence: Sequence, values: Array) -> tuple[Array, Array]:
-    """Derivatives dW/dv (p, m) of a sequence's worn areas, and A - W (m,), both over u."""
+def scar_equations(sequence: Sequence, values: Array) -> NormalEquations:
+    """The normal equations of a sequence's measured areas at some values (p,) of its unknowns."""
     areas = sequence.areas
     distances = tuple(area.distance_m for area in areas)
     spread = np.array([area.standard_uncertainty_mm2 for area in areas])
     local = local_values(sequence.whole(values), distances)
     residual = (np.array([area.area_mm2 for area in areas]) - local[:, 2]) / spread
     wearing = {u.key for u in sequence.unknowns if u.key.split(".")[0] in _WEARING}
-    return local_slopes(sequence, values, distances, local, wearing)[..., 2] / spread, residual
-
-
-def scar_equations(sequence: Sequence, values: Array) -> NormalEquations:
-    """The normal equations of a sequence's measured areas at some values (p,) of its unknowns."""
-    rows, residual = scar_rows(sequence, values)
+    rows = local_slopes(sequence, values, distances, local, wearing)[..., 2] / spread
     normal = rows @ rows.T
     return NormalEquations(
         normal=normal, middle=normal, gradient=rows @ residual, squares=np.diag(normal).copy(),

@@ -20,11 +20,11 @@ from isochrome.estimation import (
     STEP,
     Bounds,
     FrameData,
+    LinearPart,
     Prior,
     Unevenness,
     no_prior,
     prepare_frame,
-    project,
     standard_uncertainty,
 )
 from isochrome.fitting.arrays import Array, Mask
@@ -35,16 +35,13 @@ from isochrome.fitting.causes.slips import is_lost
 from isochrome.fitting.causes.solution import FrameSolution
 from isochrome.fitting.frame.frame_fit import FrameFit, fit_frame, fit_with_model, placed
 from isochrome.fitting.frame.frame_model import (
-    ENOUGH,
     FrameModel,
-    GammaFit,
     LocalModel,
     RefinedFit,
     clear_of_ends,
     inward,
     local_model,
     refine_fit,
-    some_pixels,
     stored,
     turned_row,
 )
@@ -258,7 +255,7 @@ class TrackedModel(FrameModel):
         if not self._looked:
             gamma_fit = self.at(values)
             if gamma_fit is not None:
-                illumination, background = self._every.light.of(gamma_fit.part.coefficients)
+                illumination, background = self._every.light.of(gamma_fit.coefficients)
                 self.look(illumination * self._signal(values) + background)
             self._looked = True
 
@@ -296,17 +293,17 @@ class TrackedModel(FrameModel):
         self.renderer.forget()
         return (there - self._field) / np.float32(step) if step else np.zeros_like(self._field)
 
-    def at(self, values: Array, *, near: Array | None = None) -> GammaFit | None:
+    def at(self, values: Array, *, near: Array | None = None) -> LinearPart | None:
         """The linear solution at some values (p,)."""
         return self.solved(self._signal(values)[self._clear], values, near)
 
-    def linearise(self, values: Array, gamma_fit: GammaFit) -> LocalModel:
+    def linearise(self, values: Array, gamma_fit: LinearPart) -> LocalModel:
         """Derivatives at some values, where the linear solution is known."""
         assert self._turns is not None
         rows = [self._row(turn, values, gamma_fit) for turn in self._turns]
         return local_model(self.keys, values, gamma_fit, np.stack(rows), self.prior)
 
-    def _row(self, turn: Array, values: Array, gamma_fit: GammaFit) -> Array:
+    def _row(self, turn: Array, values: Array, gamma_fit: LinearPart) -> Array:
         """The derivative (n,) of the pixels in use by what turns the field (n,) of all."""
         turn = turn[self._clear]
         field, shown = (part[self._clear] for part in self._turned(values))
@@ -327,7 +324,7 @@ class TrackedModel(FrameModel):
             if self._course.past is not None:
                 turns = map(self._turned_by_wear, PAST)
                 past = np.stack([self._row(turn, values, gamma_fit) for turn in turns])
-                project(past, gamma_fit.problem, gamma_fit.part)
+                gamma_fit.project(past)
                 rows = np.concatenate((rows, past))
             self._by_held = found.local.sensitivity((), rows)
         return self._by_held
@@ -380,10 +377,8 @@ class TrackedModel(FrameModel):
         level = stored(light, self._every.gamma)
         sigma = (self.noise.sigma(level * self._full) / self._full).astype(np.float32)
         every = replace(self._every, weight=1.0 / sigma)
-        clear = clear_of_ends(every, light, every.gamma)
-        if np.count_nonzero(clear) <= ENOUGH * clear.size:
-            clear[:] = True
-        self._clear, self.pixels = clear, some_pixels(every, clear)
+        self._clear = clear_of_ends(every, light, every.gamma)
+        self.pixels = every.some(self._clear)
 
 
 _NEAR, _FROZEN, _STEPS, _AGED = 0.05, 0.1, 12, 1.1
@@ -501,7 +496,7 @@ class Tracker:
         before, count = self._values, len(self.keys)
         self._pace = np.zeros(count)
         # over the contrast, by the median of the pixels: see TOO_FAR
-        lit = np.median(found.gamma_fit.part.amplitude) if found else 0.0
+        lit = np.median(found.gamma_fit.amplitude) if found else 0.0
         if found is None or not found.positive or found.chi > TOO_FAR * lit:
             thin = _thin(frame)
             noise = estimate_noise(frame.image, frame.mask, bit_depth=self._bit_depth).sigma(thin)
