@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 import isochrome
-from isochrome.samples.rendered import fine_order, true_film
 from isochrome.simulation import scene_states
+from render_samples import fine_order, true_film
 
 POINTS = 3
 

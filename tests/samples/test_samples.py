@@ -27,16 +27,18 @@ from isochrome.reference import (
     hertz_peak_pressure,
     hertz_stress,
 )
-from isochrome.samples.rendered import (
+from isochrome.scene import load_scene
+from render_samples import (
+    SEED,
     render_bending,
     render_disc,
     render_film,
     render_wear,
     write_small_tiff,
 )
-from isochrome.scene import load_scene
 
 FOLDER = samples.samples_path()
+RENDER = str(Path(__file__).parents[1] / "render_samples.py")
 CONTACT = FOLDER / "line-contact-wear"
 ROUNDING = 2.0**-14
 LINE_LOAD = 1.015 * 44.0 / 4.0
@@ -108,7 +110,7 @@ def test_readme_names_every_file_says_rendered_and_gives_the_command():
     named = re.findall(r"^\| `([^`]+)`", text, re.MULTILINE)
     assert sorted([*named, "README.md"]) == files_in(FOLDER)
     assert "Every image here is rendered by Isochrome" in text
-    assert f"python -m isochrome.samples sample_images --seed {samples.SEED}" in text
+    assert f"python tests/render_samples.py sample_images --seed {SEED}" in text
 
 
 def test_every_image_says_in_its_own_file_that_it_is_rendered():
@@ -150,7 +152,7 @@ def test_the_sample_images_are_at_most_nine_and_a_half_megabytes():
     ],
 )  # fmt: skip
 def test_a_set_renders_to_the_shipped_one(tmp_path, render, name):
-    render(tmp_path, samples.SEED)
+    render(tmp_path, SEED)
     names = files_in(tmp_path)
     assert names == files_in(FOLDER / name)
     same_set(FOLDER / name, tmp_path, names)
@@ -159,7 +161,7 @@ def test_a_set_renders_to_the_shipped_one(tmp_path, render, name):
 @pytest.mark.study
 def test_the_command_renders_the_shipped_files_and_the_same_bytes_twice(tmp_path):
     for run in ("one", "two"):
-        command = [sys.executable, "-m", "isochrome.samples", run]
+        command = [sys.executable, RENDER, run]
         done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
         assert (done.returncode, done.stdout.strip(), done.stderr) == (0, run, "")
     names = files_in(tmp_path / "one")
@@ -171,7 +173,7 @@ def test_the_command_renders_the_shipped_files_and_the_same_bytes_twice(tmp_path
 
 @pytest.mark.long
 def test_another_seed_gives_other_noise_on_the_same_fringes(tmp_path):
-    render_disc(tmp_path, samples.SEED + 1)
+    render_disc(tmp_path, SEED + 1)
     one, two = (
         np.asarray(Image.open(p / "disc-560N.png")).astype(float)
         for p in (tmp_path, FOLDER / "disc")
@@ -264,7 +266,7 @@ print(samples_path())
 def test_a_wrong_seed_or_folder_ends_with_exit_code_2_and_leaves_nothing(tmp_path):
     (tmp_path / "file").write_text("in the way")
     for arguments in (["out", "--seed", "-1"], ["file"]):
-        command = [sys.executable, "-m", "isochrome.samples", *arguments]
+        command = [sys.executable, RENDER, *arguments]
         done = subprocess.run(
             command, cwd=tmp_path, capture_output=True, text=True, check=False, env=os.environ
         )

@@ -1,8 +1,4 @@
-"""The sample images that ship with Isochrome, and the one command that renders all of them.
-
-`python -m isochrome.samples OUT` writes the very files of the folder that `samples_path` names.
-Every image is rendered, none was captured; README.md among them says so.
-"""
+"""The sample images that ship with Isochrome: all rendered, as README.md among them says."""
 
 import lazy_loader
 

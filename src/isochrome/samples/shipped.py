@@ -1,7 +1,4 @@
-"""The shipped samples as arrays, with the files that describe them, and what they were made of.
-
-Everything in `sample_images/`, from one seed.
-"""
+"""The shipped samples as arrays, with the files that describe them, and what they were made of."""
 
 import json
 import tomllib
@@ -14,55 +11,6 @@ from numpy.typing import NDArray
 
 from isochrome.errors import InputError
 from isochrome.frames import open_frames
-from isochrome.output import staged, write_text
-from isochrome.scene import LIBRARY
-
-SEED = 2026
-"""Seed of the shipped sample images."""
-
-
-def render_samples(out: str | Path, *, seed: int = SEED) -> Path:
-    """Render all sample images with their scenes, sets, truths and README.
-
-    The same seed gives the same bytes.
-
-    Parameters
-    ----------
-    out : str or Path
-        The folder, made if missing.
-    seed : int, default 2026
-        Seed of the noise and of the faulty pixels.
-
-    Returns
-    -------
-    Path
-        The folder.
-
-    Raises
-    ------
-    InputError
-        Where `seed` is negative or `out` cannot be written to; then nothing is left in it.
-    """
-    from isochrome.samples import rendered
-
-    if seed < 0:
-        raise InputError("seed_but_must_above", seed=seed)
-    scene = (LIBRARY / f"{rendered.SCENE}.toml").read_text("utf-8")
-    samples = {
-        rendered.SCENE: rendered.render_contact, "bending": rendered.render_bending,
-        "disc": rendered.render_disc, "wear": rendered.render_wear,
-        "sliding-film": rendered.render_film,
-    }  # fmt: skip
-    with staged(out) as folder:
-        for name, draw in samples.items():
-            (folder / name).mkdir()
-            draw(folder / name, seed)
-        frames = rendered.sample_text("contact-frames.toml")
-        write_text(folder / rendered.SCENE / "scene.toml", scene.rstrip() + "\n" + frames)
-        about = rendered.sample_text("README.md").replace("@SEED@", str(seed))
-        write_text(folder / "README.md", about)
-    return Path(out)
-
 
 _NAME = "sample_images"
 

@@ -198,12 +198,17 @@ def free_causes(solution: S) -> Freed[S]:
     if not solution.is_bright:
         return freed
     freed, search = freed.weighed(), _Search()
+    beside = freed.names  # the set beside which blocks were left out
     for _ in range(_MOST_TRIALS):
         moved = _moved(freed, search)
         if isinstance(moved, Asked):
             freed = replace(freed, asked=moved)
             break
+        if moved.odd is not freed.odd and moved.names == freed.names:
+            beside = moved.names
         freed = moved.weighed()
+    if freed.odd is not None and freed.names != beside:
+        freed = _with_all_pixels(freed)
     # a frame that nothing explains has no causes, only another scene
     return freed.undone() if freed.now.chi > POOR_CHI and not freed.is_plain else freed
 
@@ -230,6 +235,12 @@ def _moved(freed: Freed[S], search: _Search) -> Freed[S] | Asked:
     before = here in seen
     seen.add(here)
     best = _of_members(asked, asked.sets.members[0])
+    there = best.names, left, False
+    if freed.moves and there not in seen and best.names < freed.names:
+        # blocks, by which trials go, are too wide to tell what little more there is
+        seen.add(there)
+        if (fewer := _with(freed, best)) is not None:
+            return fewer
     asked, plans = _plans(freed, asked, best, search, before=before)
     for plan in plans:
         again = plan.names == freed.names
@@ -551,6 +562,19 @@ def _as_fitted(stated: Askable, now: Askable) -> Change:
     tractions = now.scene.added_tractions
     held = {} if tractions is None else {ADDED: tractions}
     return Change(added=added, held=held, begun=begun, uneven=now.uneven, waves=now.waves)
+
+
+def _with_all_pixels(freed: Freed[S]) -> Freed[S]:
+    """With what was odd before its cause was known, where it is odd no more: a blur, no shadow."""
+    try:
+        whole = freed.stated.again(_as_fitted(freed.stated, freed.now))
+    except PhysicsError:
+        return freed
+    if not whole.is_sound or whole.chi > _SAME_CHI * freed.now.chi:
+        return freed
+    again = replace(freed, now=whole, odd=None).weighed()
+    assert again.asked is not None
+    return freed if again.asked.outside is not None or SHADOW in again.asked.best else again
 
 
 def fit_with_causes(

@@ -1,12 +1,13 @@
-"""What the samples are rendered of, from fringe order to file, with pixels of finite size.
+"""Render every sample image: `python tests/render_samples.py OUT`; one seed gives the same bytes.
 
 A pixel is the mean of several points in it, so that the samples do not share the first-order
 expression for a pixel's area with the model that is fitted to them.
 """
 
+import argparse
+import sys
 import tomllib
 from dataclasses import dataclass
-from importlib import resources
 from itertools import accumulate
 from pathlib import Path
 from typing import Any
@@ -15,14 +16,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.contact import SurfaceState, contact_states
-from isochrome.errors import InputError
+from isochrome.errors import IsochromeError
 from isochrome.optics import expose, fringe_order, make_chain, pixel_visibility, polariscope_signal
-from isochrome.output import write_csv, write_json, write_text
+from isochrome.output import staged, write_csv, write_json, write_text
 from isochrome.reference import beam_stress
-from isochrome.scene import Camera, Polariscope, Scene, load_scene, parse_scene
+from isochrome.scene import LIBRARY, Camera, Polariscope, Scene, load_scene, parse_scene
 from isochrome.simulation import SceneState, scene_states, state_difference
 from isochrome.specimens import specimen_model
 from isochrome.stress import StressDifference, pixel_grid
+
+SEED = 2026
+"""Seed of the noise and of the faulty pixels of the shipped images."""
 
 Array = NDArray[np.floating]
 Grey = NDArray[np.uint8]
@@ -30,7 +34,7 @@ Grey = NDArray[np.uint8]
 
 def sample_text(name: str) -> str:
     """A text among the samples, as a user would have written it beside their own frames."""
-    return (resources.files("isochrome.samples") / "library" / name).read_text("utf-8")
+    return (Path(__file__).parent / "sample_texts" / name).read_text("utf-8")
 
 
 TRUTH: dict[str, Any] = tomllib.loads(sample_text("truth.toml"))
@@ -41,7 +45,7 @@ CAMERA = Camera(**TRUTH["camera"])
 RENDERING: dict[str, Any] = TRUTH["rendering"]
 _POINTS: int = RENDERING["points"]
 
-LABEL = "Rendered by Isochrome (python -m isochrome.samples), not captured"
+LABEL = "Rendered by Isochrome (tests/render_samples.py), not captured"
 
 
 @dataclass(frozen=True)
@@ -233,7 +237,7 @@ def render_film(folder: Path, seed: int) -> None:
     codec, size = cv2.VideoWriter.fourcc(*"Y800"), (shape[1], shape[0])
     film = cv2.VideoWriter(str(folder / FILM), codec, given["frames_per_s"], size, isColor=False)
     if not film.isOpened():
-        raise InputError("cannot_opened_film_opencv", path=folder / FILM)
+        raise OSError(f"{folder / FILM}: cannot be opened as a film by this OpenCV")
     for frame in frames:
         film.write(frame)
     film.release()
@@ -378,3 +382,42 @@ def _correlated(count: int, keep: float, rng: np.random.Generator) -> Array:
     fresh = rng.standard_normal(count) * np.sqrt(1.0 - keep**2)
     numbers = accumulate(fresh, lambda last, new: keep * last + new, initial=rng.standard_normal())
     return np.array(list(numbers)[1:])
+
+
+SETS = {
+    SCENE: render_contact, "bending": render_bending, "disc": render_disc, "wear": render_wear,
+    "sliding-film": render_film,
+}  # fmt: skip
+
+
+def render_samples(out: str | Path, seed: int) -> Path:
+    """All sample images with their scenes, sets, truths and README; all or none."""
+    with staged(out) as folder:
+        for name, draw in SETS.items():
+            (folder / name).mkdir()
+            draw(folder / name, seed)
+        scene = (LIBRARY / f"{SCENE}.toml").read_text("utf-8").rstrip()
+        write_text(folder / SCENE / "scene.toml", f"{scene}\n{sample_text('contact-frames.toml')}")
+        write_text(folder / "README.md", sample_text("README.md").replace("@SEED@", str(seed)))
+    return Path(out)
+
+
+def main() -> int:
+    """Read the arguments, render, and return the exit code."""
+    parser = argparse.ArgumentParser(description="Render the sample images.")
+    parser.add_argument("out", help="folder for the files; made if missing")
+    parser.add_argument("--seed", type=int, default=SEED, help=f"of the noise (default {SEED})")
+    given = parser.parse_args()
+    if given.seed < 0:
+        print(f"--seed {given.seed}: give a whole number from 0 on", file=sys.stderr)
+        return 2
+    try:
+        print(render_samples(given.out, given.seed))
+    except IsochromeError as error:
+        print(error, file=sys.stderr)
+        return error.exit_code
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
