@@ -292,24 +292,10 @@ FINDER_PX = 0.01
 it is what that of a corner or dot is uncertain by at least, whatever its residuals."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class EdgePair:
-    """Two edges: the points on them, and the lines' `distance_px` along their normal.
-
-    `spreading` is the change of the distance along the edges, where it is clear.
-    """
-
-    picture: ScalePicture
-    distance_px: float
-    standard_uncertainty: float
-    spreading: float
-
-
-def find_edge_pair(image: Array, *, name: str) -> EdgePair:
-    """Find the two edges, upright or lying, whichever more rows or columns show.
-
-    Both lines have one direction, and their points' scatter makes the distance uncertain.
-    PhysicsError where there are not two straight ones.
+def find_edge_pair(image: Array, *, name: str) -> tuple[ScalePicture, tuple[float, float, float]]:
+    """The points on two edges, upright or lying, whichever more rows or columns show; the distance
+    of lines of one direction, px, its uncertainty by their scatter, and its change along the edges
+    where that is clear. PhysicsError where there are not two straight ones.
     """
     tries = [(_along(picture), turned) for picture, turned in ((image, False), (image.T, True))]
     (lines, turned) = max(tries, key=lambda pair: 0 if pair[0] is None else len(pair[0][0]))
@@ -329,14 +315,12 @@ def find_edge_pair(image: Array, *, name: str) -> EdgePair:
     apart = abs(slopes[1] - slopes[0])
     order = 1 if turned else -1
     points = [np.stack([across, edge][::order], axis=-1) for edge in edges]
-    normal = np.array([-slope, 1.0][::order]) / long
-    return EdgePair(
-        picture=ScalePicture(file=name, image=image, places=np.concatenate(points),
-                             residual_px=np.concatenate(residual)[:, None] * normal),
-        distance_px=distance,
-        standard_uncertainty=float(np.sqrt(noise**2 + turn**2 + 2.0 * FINDER_PX**2)),
-        spreading=apart * float(np.ptp(x)) / distance if apart > CONTRADICTED * 2.0 * tilt else 0.0,
-    )  # fmt: skip
+    uncertainty = float(np.sqrt(noise**2 + turn**2 + 2.0 * FINDER_PX**2))
+    spreading = apart * float(np.ptp(x)) / distance if apart > CONTRADICTED * 2.0 * tilt else 0.0
+    residual_px = np.concatenate(residual)[:, None] * (np.array([-slope, 1.0][::order]) / long)
+    return ScalePicture(
+        file=name, image=image, places=np.concatenate(points), residual_px=residual_px
+    ), (distance, uncertainty, spreading)
 
 
 def _along(image: Array) -> tuple[Array, Array, Array] | None:
@@ -348,16 +332,17 @@ def _along(image: Array) -> tuple[Array, Array, Array] | None:
     least = max(FEWEST, LEAST_SHARE * len(image))
     if good.sum() < least:
         return None
-    off = [np.abs(edge - _robust(row, edge, good)) for edge in (rising, falling)]
+    x, half, off = row[good], np.count_nonzero(good) // 2, []
+    for edge in (rising, falling):  # from a line by the median of the slopes, and of the rest
+        y = edge[good]
+        tilt = float(np.median((y[half : 2 * half] - y[:half]) / (x[half : 2 * half] - x[:half])))
+        off.append(np.abs(edge - (tilt * row + np.median(y - tilt * x))))
     good = np.max(off, axis=0) < SMOOTH_PX
     return (row[good], rising[good], falling[good]) if good.sum() >= least else None
 
 
 def _peaks(slope: Array) -> Array:
-    """Where each row is steepest, to a part of a pixel; NaN at the picture's sides.
-
-    The peak of a Gaussian through three pixels: that of a parabola through their logarithms.
-    """
+    """Where each row is steepest, by a Gaussian through three pixels; NaN at the sides."""
     best = np.argmax(slope, axis=1)
     row, middle = np.arange(len(slope)), np.clip(best, 1, slope.shape[1] - 2)
     three = [slope[row, middle + k] for k in (-1, 0, 1)]
@@ -366,14 +351,6 @@ def _peaks(slope: Array) -> Array:
     bend = low - 2.0 * top + high
     usable &= bend < 0.0
     return np.where(usable, middle + 0.5 * (low - high) / np.where(usable, bend, 1.0), np.nan)
-
-
-def _robust(row: Array, edge: Array, good: NDArray[np.bool_]) -> Array:
-    """A line through points of which some are wrong: the median of the slopes, and of the rest."""
-    x, y = row[good], edge[good]
-    half = x.size // 2
-    slope = float(np.median((y[half : 2 * half] - y[:half]) / (x[half : 2 * half] - x[:half])))
-    return np.asarray(slope * row + np.median(y - slope * x))
 
 
 _WINDOW = 0.35
@@ -389,10 +366,8 @@ _LEAST_DOT = 12.0
 
 
 def target_places(image: Array, target: str, columns: int, rows: int, *, name: str) -> Array:
-    """Where a picture shows a target's corners or dots, row by row of it: (rows, columns, 2), px.
-
-    Columns and rows in the picture, from the first pixel's middle; `columns` and `rows` are of
-    inner corners, or dots. PhysicsError where the target is not found.
+    """A target's corners or dots (rows, columns, 2), column and row in px of the picture, row by
+    row. PhysicsError where it is not found.
     """
     # from black to white, whatever its levels; dust and glare are cut
     low, high = np.percentile(image, [0.5, 99.5])
@@ -463,7 +438,6 @@ _LARGEST = 0.1
 @dataclass(frozen=True, kw_only=True)
 class TargetFit:
     """The camera of a target's pictures: `values` and `spread` by SHARED, each roll and its ±.
-
     `residual_px` (rows, columns, 2) of each, `rms_px` of a coordinate; `likeness`, the correlation
     of neighbours' residuals, and `shortening` in one direction, both 0 where they are not clear.
     """
@@ -478,10 +452,7 @@ class TargetFit:
 
 
 def fit_target(places: Sequence[Array], shape: tuple[int, int]) -> TargetFit:
-    """Fit the camera to a target's places, (rows, columns, 2) px, one array a picture.
-
-    `shape` (rows, cols) of the pictures. PhysicsError where the lens lies beyond its model.
-    """
+    """The camera by a target's places (rows, columns, 2), px. PhysicsError beyond its model."""
     from scipy.optimize import least_squares
 
     middle = complex(0.5 * (shape[1] - 1), 0.5 * (shape[0] - 1))
@@ -493,10 +464,8 @@ def fit_target(places: Sequence[Array], shape: tuple[int, int]) -> TargetFit:
         """Those of each picture on the target's plane, px; two values more are a shortening."""
         keystone_x, keystone_z, distortion = values[1:4].tolist()
         strain = complex(*values[size:]) if values.size > size else 0.0
-        parts = []
-        for picture, grid, (x, z, roll) in zip(
-            points, grids, values[4:size].reshape(-1, 3), strict=True
-        ):
+        parts, placed = [], values[4:size].reshape(-1, 3)
+        for picture, grid, (x, z, roll) in zip(points, grids, placed, strict=True):
             lens = Lens(
                 right_mm=0.0, down_mm=0.0, half_width_mm=0.5 * shape[1],
                 half_height_mm=0.5 * shape[0], roll_deg=float(np.degrees(roll)),
@@ -546,10 +515,9 @@ def fit_target(places: Sequence[Array], shape: tuple[int, int]) -> TargetFit:
 
 
 def _start(points: Complexes) -> tuple[Complexes, Array]:
-    """The points' columns and rows as complex numbers, and spacing, place and roll by similarity.
-
-    A target looks the same after a quarter or half turn, or mirrored: rows and columns are counted
-    so that it lies within 45 degrees of upright, and is not mirrored.
+    """The points' columns and rows as complex numbers, and spacing, place and roll by similarity. A
+    target looks the same after a quarter or half turn, or mirrored: rows and columns are counted so
+    that it lies within 45 degrees of upright, and is not mirrored.
     """
     rows, cols = points.shape
     j, i = np.meshgrid(np.arange(rows), np.arange(cols), indexing="ij")
@@ -759,31 +727,30 @@ def _from_edges(
     pictures: Sequence[tuple[str, Array]], edges_mm: float, uncertainty_mm: float | None
 ) -> ScaleCalibration:
     """The result by edges: the mean of the pictures, each by its own uncertainty."""
-    pairs = [find_edge_pair(image, name=name) for name, image in pictures]
-    each = np.array([pair.distance_px for pair in pairs])
-    weight = np.array([pair.standard_uncertainty for pair in pairs]) ** -2.0
+    images, numbers = zip(*(find_edge_pair(i, name=name) for name, i in pictures), strict=True)
+    each, spread, spreadings = np.array(numbers).T.copy()
+    weight = spread**-2.0
     distance = float(weight @ each / weight.sum())
-    chi = float(np.sqrt(weight @ (each - distance) ** 2 / max(len(pairs) - 1, 1)))
+    chi = float(np.sqrt(weight @ (each - distance) ** 2 / max(len(images) - 1, 1)))
     pixel = edges_mm / distance
     noise = pixel * max(chi, 1.0) / float(np.sqrt(weight.sum())) / distance
     inputs: list[BudgetRow] = [(NOISE, None, noise, 1.0)]
     if uncertainty_mm is not None:
         inputs.append(("edges_mm", edges_mm, uncertainty_mm, pixel / edges_mm))
-    spreading, messages = max(pair.spreading for pair in pairs), []
+    spreading, messages = float(spreadings.max()), []
     if spreading:
         inputs.append(("edges not parallel", spreading, 0.5 * spreading, pixel))
         messages = [message("edges_further_apart_one", spreading=100.0 * spreading)]
-    off = np.concatenate([pair.picture.residual_px for pair in pairs])
+    off = np.concatenate([image.residual_px for image in images])
     return _result(
-        [pair.picture for pair in pairs], pixel, inputs, target="edges", distortion=None,
-        keystone_x=None, keystone_z=None, roll_deg=None,
-        residual_px=float(np.sqrt(2.0 * np.mean(off**2))),
+        images, pixel, inputs, target="edges", distortion=None, keystone_x=None, keystone_z=None,
+        roll_deg=None, residual_px=float(np.sqrt(2.0 * np.mean(off**2))),
         taken_as_exact=() if uncertainty_mm else ("edges_mm",), warnings=tuple(messages),
     )  # fmt: skip
 
 
 def _result(
-    images: list[ScalePicture], pixel_mm: float, inputs: list[BudgetRow], **values: Any
+    images: Sequence[ScalePicture], pixel_mm: float, inputs: list[BudgetRow], **values: Any
 ) -> ScaleCalibration:
     """A pixel's side with all that it is uncertain by, and the budget of that."""
     budget, (rows, cols) = budget_items(inputs), images[0].image.shape

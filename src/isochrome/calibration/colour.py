@@ -71,10 +71,8 @@ _LARGEST_SCATTER = 0.2
 
 
 def known_beam_order(signal: Array, beam: ColourBeam, load_n: float, pixel_mm: float) -> Array:
-    """The order N (rows, cols) of a beam of load P in an image, NaN off the beam.
-
-    `signal` (rows, cols, 3), normalised, NaN = not trusted. PhysicsError where no line splits the
-    image into two sides of like colours.
+    """The order N (rows, cols) in a beam's normalised `signal` (rows, cols, 3), NaN off the beam.
+    PhysicsError where no line splits the image into two sides of like colours.
     """
     from scipy.optimize import minimize
 
@@ -131,10 +129,8 @@ factor of all to better."""
 def image_exposures(
     light: Sequence[Array], dark: Array, contrast: Array, orders: Sequence[Array], *, bright: bool
 ) -> Array:
-    """Exposures e (images,) of a beam's images over the no-load frames', 1 where alike.
-
-    Lights, `dark` and `contrast` (rows, cols, 3), orders (rows, cols), NaN = not trusted or off the
-    beam. PhysicsError where the images have no order in common.
+    """Exposures e (images,) of a beam's images over the no-load frames', 1 where alike; NaN = not
+    trusted or off the beam. PhysicsError where the images have no order in common.
     """
     cells = int(max(np.nanmax(order) for order in orders) / WIDTH) + 1
     # pixels, and sums of u and d, of each image in cells of one order
@@ -172,10 +168,7 @@ def image_exposures(
 
 
 def read_colour_shots(given: ColourSet) -> tuple[ColourShots, int | None]:
-    """A set's images, its no-load frames where it names them, and the bit depth.
-
-    InputError names the file where one cannot be read, is grey, or is of another size.
-    """
+    """A set's images, its no-load frames, and the bit depth. InputError names the unusable file."""
     images, depth = [], None
     for item in given.image:
         image, depth = _read(given, given.path(item.file), masked=True)

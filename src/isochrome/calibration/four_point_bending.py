@@ -58,9 +58,8 @@ EDGE_REACH = 0.1
 
 @dataclass(frozen=True)
 class BeamView:
-    """The beam's `height_px`, its `top` row at the middle column (float, may be outside), its
-    `tilt` (rows a column) and `starts` (m, 3): slope (fringe/px across the rows), row of N = 0,
-    tilt; `edges_px`, how far apart its edges are, None where one is not in view.
+    """The beam's height, `top` row at the middle column, `tilt` (rows a column), `starts` (m, 3),
+    slope (fringe/px), row of N = 0, tilt; `edges_px` is None where one is not in view.
     """
 
     height_px: float
@@ -87,10 +86,7 @@ class BeamView:
 
 
 def find_beam(shot: Shot, height_px: float) -> BeamView:
-    """Find a beam's tilt, top edge and candidate fringe slopes, of its height in pixels.
-
-    PhysicsError where no fringes rise across the height, InputError for another size.
-    """
+    """A beam's tilt, top edge and candidate slopes. PhysicsError without fringes across it."""
     from scipy.signal import argrelmin
 
     lines = shot.light.shape[0]
@@ -113,8 +109,7 @@ def find_beam(shot: Shot, height_px: float) -> BeamView:
     # at least 60 % of the smaller of beam and frame is in view
     ends, room = sorted((rows[0], rows[-1] + 1 - height_px)), 0.4 * in_view
     tops = np.arange(ends[0] - room, ends[1] + room, EDGE_REACH * in_view)
-    finest = FINEST / float(rows[1] - rows[0])
-    slopes = np.arange(FEWEST_FRINGES / in_view, finest, 0.2 / in_view)
+    slopes = np.arange(FEWEST_FRINGES / in_view, FINEST / float(rows[1] - rows[0]), 0.2 / in_view)
     cost, phase = _scan(rows, values, count, np.stack([tops, tops + height_px], axis=1), slopes)
     if cost.min() > 0.95 * _smooth_cost(rows, values, count, 2):
         raise PhysicsError("no_fringes_rise_across", name=shot.name)
@@ -129,9 +124,7 @@ def find_beam(shot: Shot, height_px: float) -> BeamView:
 
 
 def _profile(shot: Shot, shear: float) -> tuple[Array, Array, Array]:
-    """Mean intensity over sheared rows, so many together that about SAMPLES remain: row at the
-    middle column, mean, number of pixels.
-    """
+    """Mean intensity over sheared rows: row at the middle column, mean, number of pixels."""
     height, width = shot.light.shape
     stride, step = max(1, width // 160), -(-height // SAMPLES)
     cols = np.arange(stride // 2, width, stride)
@@ -187,18 +180,13 @@ FAINTEST = 2.0
 
 
 def beam_order(params: ArrayLike, y: Array, x: Array) -> Array:
-    """Order, with its sign, in pure bending: N = slope (y - row - tilt x), of `params` (3,), slope
-    (fringe/px), row of N = 0 and tilt (rows a column), x in pixels from the frame's middle.
-    """
+    """N = slope (y - row - tilt x), of `params` (3,), with its sign; x in px from the middle."""
     slope, row, tilt = np.asarray(params, dtype=float)
     return np.asarray(slope * (y - row - tilt * x))
 
 
 def fit_beam(shot: Shot, height_px: float) -> tuple[BeamView, SetFit]:
-    """Fit one image's whole span: slope across the height, neutral axis, tilt, illumination.
-
-    Raises PhysicsError for too few fringes, an ambiguous slope or a fit that did not converge.
-    """
+    """One image's slope, neutral axis, tilt and light. PhysicsError where these are not told."""
     view, (lines, width) = find_beam(shot, height_px), shot.light.shape
     stride = max(1, int(np.ceil(shot.light.size / PIXELS)))
     rows, cols = np.arange(lines), np.arange(stride // 2, width, stride)
@@ -240,10 +228,8 @@ BENT = 0.02
 
 
 def beam_kind(view: BeamView, width: int) -> Kind:
-    """A beam's order by slope (fringe/px), row of N = 0 and tilt, see `beam_order`.
-
-    Besides, the moment's factor 1 + c1 t + c2 (t^2 - 1/3) along the span, t = -1..1 over the frame.
-    An unloaded image's own unknown is its squared order at the edge.
+    """A beam's order, see `beam_order`; besides, the moment's factor 1 + c1 t + c2 (t^2 - 1/3)
+    along the span, t = -1..1. An unloaded image's own unknown is its squared order at the edge.
     """
     middle, half = 0.5 * (width - 1), 0.5 * view.height_px
 
@@ -267,10 +253,7 @@ def beam_kind(view: BeamView, width: int) -> Kind:
 
 
 def check_span(fit: SetFit) -> float:
-    """By how much the slope changes along the span to either side of its middle, at the most.
-
-    PhysicsError for more than on any bench, which is shear, and where this explains little.
-    """
+    """The largest change of the slope along the span. PhysicsError for more than on any bench."""
     if not fit.explained:
         raise PhysicsError("fringes_not_those_pure", name=fit.model.shots[0].name)
     if MOMENT not in fit.model.free:
@@ -364,10 +347,7 @@ def calibrate_bending(source: SetLike) -> Calibration:
 
 
 def bending_from_shots(shots: Sequence[Shot], given: CalibrationSet) -> Calibration:
-    """`calibrate_bending` on a set's prepared images, one of which at least is loaded.
-
-    InputError where the beam's edges contradict its height and the pixel's size.
-    """
+    """`calibrate_bending` on a set's prepared images. InputError where edges contradict sizes."""
     beam, pixel_mm, known = given.beam, given.camera.pixel_mm, given.uncertainty
     assert beam is not None and pixel_mm is not None
     idle = [shot for shot in shots if not shot.load_n]

@@ -71,7 +71,6 @@ class OrderLine:
 
 def fit_line(loads_n: ArrayLike, orders: ArrayLike, uncertainties: ArrayLike) -> OrderLine:
     """Line through orders (n,) at their loads, of uncertainties (n,) or covariance (n, n).
-
     Generalised least squares, V + t² the orders' covariance; t is 0 unless chi-square about the
     line exceeds its 95 % point, and then brings it to the degrees of freedom (Paule & Mandel, J.
     Res. Natl. Bur. Stand. 87, 1982, 377-385). An intercept from two loads on.
@@ -101,9 +100,8 @@ def fit_line(loads_n: ArrayLike, orders: ArrayLike, uncertainties: ArrayLike) ->
 
 
 def _solve(design: Array, n: Array, v: Array) -> tuple[Array, Array, Array]:
-    """Values (k,) for orders of covariance `v`, their covariance, and what each order adds.
-
-    beta = (X^T V^-1 X)^-1 X^T V^-1 n (Aitken, Proc. R. Soc. Edinburgh 55, 1936, 42-48).
+    """Values (k,) for orders of covariance `v`, their covariance, and what each order adds. beta =
+    (X^T V^-1 X)^-1 X^T V^-1 n (Aitken, Proc. R. Soc. Edinburgh 55, 1936, 42-48).
     """
     weighted = np.linalg.solve(v, design.T).T
     covariance = np.asarray(np.linalg.inv(weighted @ design.T), dtype=np.float64)
@@ -147,19 +145,6 @@ class ResidualOrder:
     uncertainty: float
 
 
-def largest_order(unloaded: Sequence[ResidualOrder]) -> float:
-    """Root mean square of the order r that may be there at no load, in fringes.
-
-    <r²> under the density exp(-sum (r² - q_i)²/(2 u_i²)), r itself equally likely everywhere
-    before, as its sign is not seen.
-    """
-    reach = np.sqrt(max(max(i.square, 0.0) + 8.0 * i.uncertainty for i in unloaded))
-    r = np.linspace(0.0, reach, 4001)
-    log = -0.5 * np.sum([((r**2 - i.square) / i.uncertainty) ** 2 for i in unloaded], axis=0)
-    weight = np.exp(log - log.max())
-    return float(np.sqrt(np.sum(weight * r**2) / np.sum(weight)))
-
-
 @dataclass(frozen=True)
 class Input:
     """An input's standard uncertainty (None: not given); `sensitivity`, |d ln f / d input|."""
@@ -181,8 +166,6 @@ def uncertainty_budget(
     messages: Sequence[str] = (),
 ) -> Calibration:
     """Regress the orders against the loads and carry the slope k to f_sigma = factor / k.
-
-    `covariance` (n, n), of orders that were fitted together; `messages`, known already.
     PhysicsError where the orders contradict the loads.
     """
     loads, orders = np.array([(i.load_n, i.order) for i in images]).T
@@ -190,15 +173,22 @@ def uncertainty_budget(
     spread = [max(i.standard_uncertainty, 1e-9) for i in images]
     line = fit_line(loads, orders, spread if covariance is None else covariance)
     if line.intercept is None and unloaded:
-        line = replace(line, intercept=0.0, intercept_uncertainty=largest_order(unloaded))
+        # <r²> of the order r that may be there at no load under the density
+        # exp(-sum (r² - q_i)²/(2 u_i²)), r itself equally likely everywhere before, as its sign is
+        # not seen
+        squares, u = np.array([(i.square, i.uncertainty) for i in unloaded]).T[..., None]
+        r = np.linspace(0.0, np.sqrt((np.maximum(squares, 0.0) + 8.0 * u).max()), 4001)
+        log = -0.5 * np.sum(((r**2 - squares) / u) ** 2, axis=0)
+        weight = np.exp(log - log.max())
+        largest = float(np.sqrt(np.sum(weight * r**2) / np.sum(weight)))
+        line = replace(line, intercept=0.0, intercept_uncertainty=largest)
     value = factor_n2_per_mm / line.slope if line.slope > 0 else np.inf
     if not PLAUSIBLE_N_PER_MM[0] <= value <= PLAUSIBLE_N_PER_MM[1]:
         raise PhysicsError("images_give_f_sigma_mm", value=value)
     if line.left_out is not None and line.left_out_uncertainty is not None:
-        predicted = zip(images, line.left_out, line.left_out_uncertainty, strict=True)
         images = [
             replace(i, predicted_order=float(n), predicted_uncertainty=float(u))
-            for i, n, u in predicted
+            for i, n, u in zip(images, line.left_out, line.left_out_uncertainty, strict=True)
         ]
     _check_line(images, line)
     budget = _budget(float(value), line, inputs)
@@ -236,9 +226,7 @@ def _budget(value: float, line: OrderLine, inputs: Sequence[Input]) -> tuple[Bud
 
 
 def _check_line(images: Sequence[ImageFit], line: OrderLine) -> None:
-    """Refuse orders that no line joins: from four images on the others tell which is wrong, three
-    show that one is, and two only where their line passes far from the origin.
-    """
+    """Refuse orders that no line joins; two, only where theirs passes far from the origin."""
     orders = np.array([i.order for i in images])
     largest = float(orders.max())
     table = ", ".join(f"{i.file} {i.load_n:g} N order {i.order:.3f}" for i in images)
@@ -269,10 +257,9 @@ def _warnings(
         order = float(np.sqrt(max(item.square, 0.0)))
         spread = np.sqrt(item.uncertainty**2 + (2.0 * r * u) ** 2 + 2.0 * u**4)
         if abs(r**2 - item.square) > CONTRADICTED * spread and abs(abs(r) - order) > NOTICED:
-            load_n = max(image.load_n for image in images)
             yield message(
                 "shows_order_no_load", file=item.file, order=order, r=r, slope=r / line.slope,
-                load_n=load_n,
+                load_n=max(image.load_n for image in images),
             )  # fmt: skip
     worst = max(images, key=lambda i: i.chi)
     if worst.chi > POOR_CHI:
@@ -290,10 +277,8 @@ def _warnings(
 
 
 def widened_to_held_out(calibration: Calibration) -> Calibration:
-    """A calibration whose uncertainty no held-out load contradicts, and a sentence where it grew.
-
-    Each order n_i is held against the other loads' line, with u_i² = v_i + v(line) + (n_i U)²: its
-    own, the line's, and the value's relative uncertainty U, which grows to 3 u_i.
+    """A value that no held-out load contradicts: each order n_i against the other loads' line, with
+    u_i² = v_i + v(line) + (n_i U)², U the value's relative uncertainty, which grows to 3 u_i.
     """
     images, value = calibration.images, calibration.fringe_value_n_per_mm
     if any(image.predicted_order is None for image in images):
@@ -306,12 +291,8 @@ def widened_to_held_out(calibration: Calibration) -> Calibration:
     needed = np.sqrt(np.maximum((away / CONTRADICTED) ** 2 - noise**2, 0.0)) / orders
     total = max(value * float(needed.max()), before)
     spreads = np.hypot(noise, orders * total / value).tolist()
-    widened = replace(
-        calibration,
-        images=tuple(
-            replace(i, predicted_uncertainty=u) for i, u in zip(images, spreads, strict=True)
-        ),
-    )
+    wider = tuple(replace(i, predicted_uncertainty=u) for i, u in zip(images, spreads, strict=True))
+    widened = replace(calibration, images=wider)
     worst = int(np.argmax(pulls))
     if pulls[worst] <= CONTRADICTED:
         return widened
@@ -333,10 +314,8 @@ def widened_to_held_out(calibration: Calibration) -> Calibration:
 def set_images(
     fit: SetFit, linear: Array, places: Iterable[tuple[dict[str, float], dict[str, Any]]]
 ) -> tuple[list[ImageFit], Array]:
-    """The loaded images' results, with maps on the fit's pixels, and their orders' covariance.
-
-    `linear` (m, p), what the orders are of the unknowns; each image's geometry, and what `View` has
-    of its cut.
+    """The loaded images' results, with maps on the fit's pixels, and their orders' covariance, by
+    the orders' derivatives `linear` (m, p).
     """
     model, point, images = fit.model, fit.point, []
     covariance = linear @ fit.covariance @ linear.T
@@ -346,8 +325,7 @@ def set_images(
         residual, shown = np.full((2, *light.shape), np.nan)
         residual[model.masks[i]] = weighted * model.images[i].sigma
         shown[model.masks[i]] = np.abs(point.orders[i][0])
-        unknowns = point.values.size + point.told
-        freedom = max(1.0, weighted.size - unknowns / len(model.shots))
+        freedom = max(1.0, weighted.size - (point.values.size + point.told) / len(model.shots))
         view = View(
             image=light, model=light - residual, residual=residual, order=shown,
             sigma=float(np.median(shot.sigma)), **cut,
@@ -404,10 +382,7 @@ def calibration_of(
     messages: Sequence[str] = (),
     **orders: Any,
 ) -> Calibration:
-    """The calibration by a set's `images`, as `uncertainty_budget`, with what their `fit` found.
-
-    `inputs` besides the load and the thickness, which takes no part.
-    """
+    """The calibration by a set's `images`, with what their `fit` found besides."""
     known = given.uncertainty
     load = Input("load", known.load_percent, "%", 0.01)
     thickness = Input("thickness", known.thickness_mm, "mm", 0.0)
@@ -446,11 +421,7 @@ def stated_values(given: CalibrationSet) -> dict[str, float]:
 def check_stated_size(
     sizes_px: ArrayLike, name: str, size_mm: float, given: CalibrationSet, code: str
 ) -> None:
-    """Refuse (InputError) a size and a pixel's that the images contradict beyond uncertainty.
-
-    The size as each image shows it; the `name` of its key and its value in the set `given`; the
-    `code` of what is said.
-    """
+    """Refuse (InputError) a size and a pixel's that the images contradict beyond uncertainty."""
     known, pixel_mm = given.uncertainty, given.camera.pixel_mm
     assert pixel_mm is not None
     sizes = np.asarray(sizes_px, dtype=float)

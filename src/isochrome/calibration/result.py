@@ -52,10 +52,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Cut:
-    """Where a kind of specimen tells its order: at this `place`, on a cut `along` it.
-
-    `command` calibrates by it.
-    """
+    """Where a kind of specimen tells its order, on what cut, and what command calibrates by it."""
 
     place: str
     along: str
@@ -86,10 +83,8 @@ VALUES = (
 
 @dataclass(frozen=True, kw_only=True)
 class View:
-    """What a figure shows of an image: maps (rows, cols), NaN where left out, and a cut.
-
-    Intensities and orders, the noise `sigma`, the (row, col) spacing `pixel_mm`; `cut`, the index
-    of a row or column, the height or the horizontal diameter, and the places (m,) along it.
+    """A figure's maps (rows, cols), NaN where left out, their (row, col) spacing `pixel_mm`, and
+    `cut`, the index of a row or column, with the places (m,) along it.
     """
 
     image: Array
@@ -141,10 +136,7 @@ class ImageFit:
 
 @dataclass(frozen=True)
 class BudgetItem:
-    """One source of uncertainty: its own `standard_uncertainty` in `unit`, what it adds to f_sigma.
-
-    `contribution_n_per_mm` is a standard uncertainty, `share` its part of the variance, 0..1.
-    """
+    """One source of uncertainty, what it adds to f_sigma, and its share of the variance, 0..1."""
 
     name: str
     standard_uncertainty: float
@@ -275,7 +267,8 @@ class Calibration(Result):
         # the size of a residual that colours tell apart, in noise sigmas: 4 at the least
         sizes = [np.nanpercentile(np.abs(v.residual) / v.sigma, 98) for v in views]
         limit, where = float(max([4.0, *sizes])), CUTS[self.specimen]
-        other = "predicted" if all(i.predicted_order is not None for i in images) else "line"
+        predicted = [item.predicted_order is not None for item in images]
+        other = "predicted" if all(predicted) else "line"
 
         def draw(axes: Axes, k: int, column: int) -> AxesImage:
             view, look = views[k], (FRAME_MAP, FRAME_MAP, DIFFERENCE_MAP)[column]
@@ -306,7 +299,6 @@ class Calibration(Result):
             budget_plot("uncertainty budget", parts, unit="N/mm"),
         ]
         value, *others = _values(self)
-        predicted = any(item.predicted_order is not None for item in images)
         return PaperPanels(
             kinds=[
                 PictureKind(name=name, draw=partial(draw, column=column), bar=bar)
@@ -315,11 +307,10 @@ class Calibration(Result):
             labels=[f"{item.load_n:.4g} N" for item in shown],
             plots=plots,
             notes=[
-                f"Material fringe value {value}, χ = {self.chi:.2f}"
-                + "".join(f", {text}" for text in others) + ".",
+                ", ".join([f"Material fringe value {value}, χ = {self.chi:.2f}", *others]) + ".",
                 *(f"{i.load_n:.4g} N: N = {to_last_digit(i.order, i.standard_uncertainty)} "
                   f"at the {where.place}, χ = {i.chi:.2f}." for i in shown),
-                *(["Predicted: by the line through the other loads."] if predicted else []),
+                *["Predicted: by the line through the other loads."] * any(predicted),
             ],
         )  # fmt: skip
 
@@ -380,10 +371,8 @@ def _line(axes: Any, calibration: Calibration) -> None:
     loads, orders = np.array([(i.load_n, i.order) for i in calibration.images]).T
     intercept = calibration.order_at_zero_load or 0.0
     reach = np.array([0.0, loads.max() * 1.05])
-    line = data_name("line of all loads")
-    axes.plot(
-        reach, calibration.slope_per_n * reach + intercept, color=GREY, lw=LINE_PT, label=line
-    )
+    line = calibration.slope_per_n * reach + intercept
+    axes.plot(reach, line, color=GREY, lw=LINE_PT, label=data_name("line of all loads"))
     axes.plot(loads, orders, "o", color=LINE_COLOURS[0], ms=5, label="measured")
     known = [i for i in calibration.images if i.predicted_order is not None]
     if known:

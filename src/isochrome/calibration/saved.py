@@ -61,15 +61,12 @@ def calibration_day() -> str:
 
 
 def check_scene_file(path: str | Path) -> str:
-    """Text of a scene file that calibrated values may be written into, line ends as they are.
-
-    InputError for the name of a scene inside the package, a missing file, and one that is no scene.
-    """
+    """Text of a scene file that values may be written into. InputError for one of the package."""
     place = Path(path)
     if not place.is_file() and str(path) in scene_names():
         raise InputError("scene_ships_inside_package", path=path)
-    plain = read_text(place)  # its refusals: missing, too large, not UTF-8
-    parse_scene(plain, folder=place.parent, label=str(path))
+    # refusals of reading: missing, too large, not UTF-8
+    parse_scene(read_text(place), folder=place.parent, label=str(path))
     return place.read_bytes().decode("utf-8")
 
 
@@ -124,7 +121,14 @@ def write_into_scene(
     if isinstance(calibration, ScaleCalibration):
         _check_picture(calibration, parse_scene(text, folder=Path(scene).parent), str(scene))
     if isinstance(calibration, WearCalibration):
-        calibration = _by_scene_law(calibration, text, str(scene))
+        wear = parse_scene(text).wear
+        if wear is None:
+            raise InputError("has_no_wear_coefficient", name=str(scene))
+        coefficient = calibration.coefficient_by(wear.law)
+        if coefficient is None:
+            raise InputError("wear_law_set_states", name=str(scene), law=wear.law)
+        k, u = coefficient
+        calibration = replace(calibration, coefficient_mm2_per_n=k, standard_uncertainty=u)
     origin = "" if source is None else f", {Path(source).name}"
     words = f"{MARK}{calibration.scene_comment}{origin}"
     comment = "".join(c for c in words if c.isprintable() and c != ";")  # which ends it
@@ -144,19 +148,6 @@ def write_into_scene(
         beside.write_bytes((mark + text).encode("utf-8"))
         shutil.copymode(target, beside)
     return float(entries[0][1][0])
-
-
-def _by_scene_law(calibration: WearCalibration, text: str, name: str) -> WearCalibration:
-    """The calibration with the coefficient of the law that a scene states."""
-    wear = parse_scene(text).wear
-    if wear is None:
-        raise InputError("has_no_wear_coefficient", name=name)
-    coefficient = calibration.coefficient_by(wear.law)
-    if coefficient is None:
-        raise InputError("wear_law_set_states", name=name, law=wear.law)
-    return replace(
-        calibration, coefficient_mm2_per_n=coefficient[0], standard_uncertainty=coefficient[1]
-    )
 
 
 def _check_picture(calibration: ScaleCalibration, scene: Scene, name: str) -> None:
@@ -193,10 +184,7 @@ _NONE_FOUND = "None: the images ask for nothing besides the settings."
 
 
 def calibration_report(folder: Path, name: str, record: Mapping[str, Any]) -> ReportContent:
-    """What the report of a calibration says; `name`: 'calibration' or 'scale', of JSON and figure.
-
-    `record` is provenance.json. OSError, KeyError or ValueError where a file of it cannot be read.
-    """
+    """The report of `name`.json. OSError, KeyError or ValueError where it cannot be read."""
     file = f"{name}.json"
     content: dict[str, Any] = json.loads((folder / file).read_text("utf-8"))
     values = _values(content)
@@ -337,10 +325,8 @@ def save_calibration(
     *,
     source: str | Path | Sequence[str | Path] | None = None,
 ) -> None:
-    """Write calibration.json (scale.json), figure, tables, provenance and report, all or none.
-
-    Of colours also background.tif and illumination.tif where they were found. `source`: set or
-    images, for the hashes of all their files; the set's text is kept too.
+    """Write JSON, figure, tables, provenance and report, all or none; of colours also images of
+    light. `source`: set or images, for the hashes of all their files; the set's text is kept too.
     """
     name = "scale" if isinstance(calibration, ScaleCalibration) else "calibration"
     inputs = [source] if isinstance(source, str | Path) else list(source or ())

@@ -62,9 +62,7 @@ def under_uncertainty(plain: dict[str, Any], spreads: dict[str, Any]) -> dict[st
 def plain_rows(
     plain: dict[str, Any], kinds: tuple[str, ...], names: tuple[str, ...], absolute: str = ""
 ) -> tuple[dict[str, Any], dict[str, list[float]]]:
-    """A set's tables with plain values in the rows of some `kinds`, and the uncertainties beside
-    them, by name. They are relative, but for that of the value called `absolute`.
-    """
+    """Tables with plain values in the rows of `kinds`, and their relative uncertainties by name."""
     spreads: dict[str, list[float]] = {}
     for kind in kinds:
         rows = plain.get(kind)
@@ -256,7 +254,6 @@ class CalibrationSet(ImageSet):
     @classmethod
     def _plain_values(cls, data: Any) -> Any:
         """A set's tables with plain values, and what stood beside them under [uncertainty].
-
         ValueError for what is stated twice, and for a key that is no input of the budget.
         """
         if not isinstance(data, dict):
@@ -305,11 +302,7 @@ SetLike = str | Path | CalibrationSet | Mapping[str, Any]
 
 
 def load_set(source: SetLike, *, specimen: str | None = None) -> CalibrationSet:
-    """A calibration set from its TOML file, its tables, whose images may be arrays, or itself.
-
-    `specimen`: 'beam' or 'disc' where only one will do. InputError names the file, key, value and
-    fix.
-    """
+    """A set from its file or tables, or itself; `specimen`: 'beam' or 'disc' if one must be."""
     loaded = CalibrationSet.read(source)
     if loaded is not source:
         check_reach(loaded.model_dump(exclude_unset=True), loaded.name)

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter
+from scipy.ndimage import gaussian_filter, uniform_filter
 
 from isochrome.calibration.result import Calibration
 from isochrome.calibration.settings import CalibrationSet, LoadedImage
@@ -48,10 +48,8 @@ def unused(idle: Sequence[Shot], why: str) -> tuple[str, ...]:
 
 
 def below_saturation(image: Array, sigma: Array, level: float) -> NDArray[np.bool_]:
-    """Pixels (rows, cols) whose neighbourhood's mean lies three sigmas below saturation's `level`.
-
-    Leaving out the saturated pixels alone would keep the darker half of those beside them, whose
-    mean is then too low.
+    """Pixels (rows, cols) whose neighbours' mean, too, lies three sigmas below saturation's
+    `level`: else the darker half of those beside saturated ones would stay.
     """
     if float(np.max(image)) < level:
         return np.ones(image.shape, dtype=bool)
@@ -85,12 +83,22 @@ SMOOTHING_PX = 3.0
 
 
 def read_shots(given: CalibrationSet) -> tuple[Shot, ...]:
-    """A set's images, the no-load dark frame subtracted where both no-load frames are named.
-
-    InputError names the file where one cannot be read, is saturated or is of another size, or
-    camera.pixel_mm is none in which the specimen can be seen.
+    """A set's images, less the no-load dark frame where there are both. InputError names the file
+    that is unusable, or a pixel_mm in which the specimen cannot be seen.
     """
-    dark, light = _no_load(given)
+    scene = Scene(
+        specimen=Specimen(),
+        camera=given.camera,
+        polariscope=given.polariscope,
+        frames=given.frames.model_copy(update={"gamma": given.gamma}),
+        folder=given.folder,
+    )
+    ends = [
+        gaussian_filter(np.nan_to_num(end.image).astype(float), SMOOTHING_PX)
+        for end in load_no_load(scene)
+        if end is not None
+    ]
+    dark, light = (ends[0], ends[1] - ends[0]) if len(ends) == 2 else (None, None)
     shots = tuple(_shot(given, item, dark, light) for item in given.image)
     shapes = {s.light.shape for s in shots} | ({light.shape} if light is not None else set())
     if len(shapes) > 1:
@@ -133,11 +141,7 @@ def _shot(
 def read_one_frame(
     path: Path | ArrayFrames, frames: Frames, camera: Camera, in_colour: bool = False, **light: Any
 ) -> tuple[Array, FrameReader]:
-    """The one image of a file as stored, and its reader, closed.
-
-    `in_colour`: whether a grey one is refused; `light`: channel and wavelength_nm as `open_frames`
-    takes them. Raises InputError.
-    """
+    """The one image of a file as stored, and its reader, closed; `light` as for `open_frames`."""
     light |= {"rotate_deg": frames.rotate_deg, "flip": frames.flip, "roi": frames.roi}
     with open_frames(path, bit_depth=camera.bit_depth, **light) as reader:
         if in_colour and reader.channel is None:
@@ -149,24 +153,6 @@ def read_one_frame(
         return images[0], reader
 
 
-def _no_load(given: CalibrationSet) -> tuple[Array | None, Array | None]:
-    from scipy.ndimage import gaussian_filter
-
-    scene = Scene(
-        specimen=Specimen(),
-        camera=given.camera,
-        polariscope=given.polariscope,
-        frames=given.frames.model_copy(update={"gamma": given.gamma}),
-        folder=given.folder,
-    )
-    dark, bright = load_no_load(scene)
-    if dark is None or bright is None:
-        return None, None
-    smooth = [gaussian_filter(np.nan_to_num(f.image).astype(float), SMOOTHING_PX) for f in
-              (dark, bright)]  # fmt: skip
-    return smooth[0], smooth[1] - smooth[0]
-
-
 SUMMARY = ("fringe_value_n_per_mm", "standard_uncertainty", "chi", "order_at_zero_load")
 """What the result tells of each channel."""
 
@@ -174,20 +160,20 @@ SUMMARY = ("fringe_value_n_per_mm", "standard_uncertainty", "chi", "order_at_zer
 def calibrate_channels(
     given: CalibrationSet, run: Callable[[tuple[Shot, ...], CalibrationSet], Calibration]
 ) -> Calibration:
-    """Run a calibration, once a channel where the images are in colour and none is named.
-
-    The value is that of the channel that sees polariscope.wavelength_nm best (green where that is
-    not given), with all three in `channels`. Raises what `run` raises for that channel.
+    """Run a calibration, of colour images once a channel: the value is that of the one that sees
+    polariscope.wavelength_nm best (green where that is not given), whose refusal counts.
     """
     scope = given.polariscope
-    one_light = scope.wavelength_nm and scope.lines is None
-    if given.frames.channel is not None or one_light or not _in_colour(given):
-        if given.frames.channel is None and scope.lines is not None:
+    if given.frames.channel is not None or (scope.wavelength_nm and scope.lines is None):
+        return run(read_shots(given), given)
+    if not _in_colour(given):
+        if scope.lines is not None:
             raise InputError(
                 "polariscope_lines_several_wavelengths", name=given.name, file=given.image[0].file
             )
         return run(read_shots(given), given)
     main, table, results = channel_for(scope.wavelength_nm), dict[str, Any](), {}
+    poor: list[str] = []
     for channel in CHANNELS:
         frames = given.frames.model_copy(update={"channel": channel})
         try:
@@ -196,13 +182,15 @@ def calibrate_channels(
             if channel == main:
                 raise
             table[channel] = {"refused": str(error)}
+            poor.append(channel)
             continue
+        if result.chi > POOR_CHI:
+            poor.append(channel)
         results[channel], values = result, {name: getattr(result, name) for name in SUMMARY}
-        every = scope.lines.wavelength_nm if scope.lines else ()
+        every = getattr(scope.lines, "wavelength_nm", ())
         lines = [w for w in every if channel_for(w) == channel]
         table[channel] = values | {"wavelength_nm": lines[0] if len(lines) == 1 else None}
     messages = [message("colour_images_value_channel", main=main)]
-    poor = [c for c, v in table.items() if "refused" in v or v["chi"] > POOR_CHI]
     if poor:
         messages.append(message("one_wavelength_does_not", poor=", ".join(poor)))
     result = results[main]

@@ -122,10 +122,8 @@ def archard_of(laws: Sequence[WearLawFit]) -> WearLawFit:
 
 
 def fit_laws(volumes: Sequence[WornVolume], spread: Array) -> tuple[WearLawFit, ...]:
-    """The laws by falling evidence; `spread` (n,): the volumes' own errors, mm³.
-
-    Laws with friction are asked where all volumes state one, running_in where there are three
-    distances.
+    """The laws by falling evidence; `spread` (n,): the volumes' own errors, mm³. Laws with friction
+    are asked where all volumes state one, running_in where there are three distances.
     """
     values = np.array([volume.volume_mm3 for volume in volumes])
     laws = ["archard"]
@@ -465,10 +463,8 @@ def _draw_coefficients(calibration: WearCalibration, axes: Any) -> None:
     u = np.array([row.standard_uncertainty for row in rows]) / WEAR_UNIT
     ends = np.array([0.0, 1.08 * s.max()])
     value, spread = calibration.coefficient_mm2_per_n, calibration.standard_uncertainty
-    together = data_name("all distances")
-    draw_band(
-        axes, ends, np.full(2, value / WEAR_UNIT), np.full(2, spread / WEAR_UNIT), label=together
-    )
+    band = np.full(2, value / WEAR_UNIT), np.full(2, spread / WEAR_UNIT)
+    draw_band(axes, ends, *band, label=data_name("all distances"))
     look: dict[str, Any] = {"fmt": "o", "color": LINE_COLOURS[1], "lw": LINE_PT, "capsize": 3}
     axes.errorbar(s, k, yerr=BAND * u, label=data_name("each distance"), **look)
     axes.set_xlim(*ends)
@@ -662,9 +658,8 @@ def calibrate_wear(settings: str | Path | WearSet) -> WearCalibration:
     work = np.array([volume.work_n_mm for volume in volumes])
     weights = work / spread**2 / np.sum((work / spread) ** 2)  # dk/dV, 1/(N mm)
     traced = np.array([bool(volume.scars) for volume in volumes])
-    of_traces = float(weights[traced] @ values[traced])
     rows = _own_rows(volumes, spread, weights, archard, scattered=scattered)
-    rows += _common_inputs(given, volumes[0], k, of_traces)
+    rows += _common_inputs(given, volumes[0], k, float(weights[traced] @ values[traced]))
     total = _joined([u * c for _, _, u, c in rows])
     if scattered:
         part, freedom = archard.own_uncertainty, float(max(archard.freedom, 1))
@@ -699,10 +694,8 @@ def calibrate_wear(settings: str | Path | WearSet) -> WearCalibration:
 
 
 def _spread(volumes: Volumes) -> tuple[Array, bool]:
-    """Standard uncertainties of the volumes' own errors (n,), mm³; whether by their scatter.
-
-    Of volumes without one, all alike: their scatter about V = k P s, since a volume's error is
-    roughness and levelling, which the distance does not change; at least that of rounding.
+    """Standard uncertainties of the volumes' own errors (n,), mm³; without one, all alike, by their
+    scatter about V = k P s, which roughness and levelling make at any distance alike.
     """
     spread = np.array([volume.own_uncertainty_mm3 for volume in volumes])
     values = np.array([volume.volume_mm3 for volume in volumes])
@@ -715,10 +708,8 @@ def _spread(volumes: Volumes) -> tuple[Array, bool]:
 
 
 def _effective(freedom: float, part: float, total: float) -> tuple[float, float]:
-    """Degrees of freedom of a total of which a part has these, and Student's scale of it.
-
-    By Welch and Satterthwaite (JCGM 100:2008, G.4); the scale is the standard deviation over
-    (ν/(ν - 2))^(1/2).
+    """Degrees of freedom of a total of which a part has these, by Welch and Satterthwaite (JCGM
+    100:2008, G.4), and Student's scale of it, the standard deviation over (ν/(ν - 2))^(1/2).
     """
     joint = freedom * (total / part) ** 4 if part > 0.0 and np.isfinite(freedom) else np.inf
     return joint, total / float(np.sqrt(student_factor_of(joint)))
@@ -755,10 +746,7 @@ def _joined(parts: Any) -> float:
 def _common_inputs(
     settings: WearSet, first: WornVolume, k: float, of_traces: float
 ) -> list[BudgetRow]:
-    """What the inputs common to all add to k.
-
-    k goes as 1/P and 1/s, and its part by traces as the width and the profilometer's two scales.
-    """
+    """What common inputs add to k: as 1/P, 1/s, and by traces as width and the two scales."""
     known, load, slid = settings.uncertainty, first.normal_n, first.distance_m
     inputs: list[tuple[str, float, float | None, float]] = [
         ("normal_n", load, known.load_percent, -k),

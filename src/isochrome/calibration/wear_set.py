@@ -217,7 +217,6 @@ def levelled_of(scars: Sequence[TraceScar]) -> list[LevelledTrace]:
 @dataclass(frozen=True, kw_only=True)
 class WornVolume:
     """The worn volume at one distance and load; `own_uncertainty_mm3` is by its own errors alone.
-
     `scars`, its traces, none of a volume that was given; `roughness_mm3` and `levelling_mm3`, parts
     of the uncertainty by the shoulders alone.
     """
@@ -244,10 +243,7 @@ class WornVolume:
 
 @dataclass(frozen=True)
 class TraceScatter:
-    """The factor φ on the traces' variances, its degrees of freedom, and the scatter alone.
-
-    `chi_square` of `freedom`: of the traces about the mean of their distance.
-    """
+    """The factor φ on the traces' variances, its freedom, and their scatter about their means."""
 
     factor: float
     degrees_of_freedom: float
@@ -269,10 +265,8 @@ def trace_scars(settings: WearSet) -> tuple[TraceScar, ...]:
 def worn_volumes(
     settings: WearSet, scars: Sequence[TraceScar]
 ) -> tuple[tuple[WornVolume, ...], TraceScatter]:
-    """The volumes by distance, those of traces first, and how the traces scatter.
-
-    A distance of which one trace shows no clear scar is left out: to take the others alone would
-    take those that chance made deep.
+    """The volumes by distance, those of traces first, and how the traces scatter. A distance with
+    an unclear trace is left out: the others alone would be those that chance made deep.
     """
     groups: dict[tuple[Any, ...], list[TraceScar]] = {}
     for scar in scars:

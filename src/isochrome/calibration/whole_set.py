@@ -139,11 +139,10 @@ class Kind:
 @dataclass(frozen=True, kw_only=True)
 class SetModel:
     """Images `shots` (m,) of one size, the loaded ones first, on common pixels, at `rows` (R,) and
-    `cols` (C,), each where its `masks` (m, R, C) say.
-
-    How `uneven` their light is, and whether it is `apart`, each image's own, or one light that is
-    `exposed` for each; what is `free`, of SHARED and what the kind has besides, and what the other
-    keys are `held` at; `levels` (m, R, C), the light without noise where a fit tells it.
+    `cols` (C,), each where its `masks` (m, R, C) say. How `uneven` their light is, and whether it
+    is `apart`, each image's own, or one light that is `exposed` for each; what is `free`, of SHARED
+    and what the kind has besides, and what the other keys are `held` at; `levels` (m, R, C), the
+    light without noise where a fit tells it.
     """
 
     kind: Kind
@@ -283,9 +282,7 @@ class SetModel:
         return (here, *beside)
 
     def signal(self, orders: Sequence[Array], shared: dict[str, float]) -> Array:
-        """The polariscope's 0..1 (n,) of an order and its differences to the pixels below, above,
-        right and left, through a blur and in a band of wavelengths.
-        """
+        """The polariscope's 0..1 (n,) of `orders`, through a blur and in a band of wavelengths."""
         order, *beside = orders
         steep = 0.25 * ((beside[0] - beside[1]) ** 2 + (beside[2] - beside[3]) ** 2)
         # a blur adds half its variance times the curvature to the order
@@ -337,9 +334,7 @@ class SetModel:
 
 @dataclass(frozen=True)
 class SetPoint:
-    """The model at some unknowns, all keys of `shared` among them: its `orders` (m,), each (n,)
-    with its differences to the pixels beside, and its signals (m,) of (n,).
-    """
+    """The model at some unknowns: `orders` (m,) with differences to the pixels beside, signals."""
 
     model: SetModel
     values: Array
@@ -350,9 +345,8 @@ class SetPoint:
     @cached_property
     def exposures(self) -> Array:
         """The images' exposures, and their stray light (2, m); the first one's are 1 and 0."""
-        logs, stray = np.pad(
-            self.model.value(self.values, EXPOSURES).reshape(2, -1), ((0, 0), (1, 0))
-        )
+        of_others = self.model.value(self.values, EXPOSURES).reshape(2, -1)
+        logs, stray = np.pad(of_others, ((0, 0), (1, 0)))
         return np.array([np.exp(logs), stray])
 
     def weight(self, index: int) -> Array:
@@ -488,9 +482,8 @@ class SetPoint:
             signal = model.signal(model.orders(index, moved, self.shared), self.shared)
             derivatives.append((signal - self.signals[index]) * gain / step)
         parts = [np.array(derivatives), *(self.rows_of(index, name) for name in model.names)]
-        return np.concatenate(parts), np.concatenate(
-            [place, *(model.places[n] for n in model.names)]
-        )
+        places = [place, *(model.places[name] for name in model.names)]
+        return np.concatenate(parts), np.concatenate(places)
 
     @cached_property
     def equations(self) -> tuple[Array, Array]:
@@ -521,9 +514,7 @@ class SetPoint:
 
 @dataclass(frozen=True, kw_only=True)
 class SetFit:
-    """A fitted set: its `model`, the `point` there, whether it `converged`, the part of the pixels
-    that was `left_out`; `asked`, what else may be there.
-    """
+    """A fitted set: `left_out`, the part of pixels that was; `asked`, what else may be there."""
 
     model: SetModel
     point: SetPoint
@@ -594,10 +585,7 @@ class SetFit:
 
 
 def fit_set(model: SetModel, unknowns: Array) -> SetFit:
-    """Fit a set with all that it shows: lens, light, tone, specks left out.
-
-    `model`, as stated; where the loaded images' `unknowns` start, and what else is free of it.
-    """
+    """Fit a set with all that it shows, from loaded images' `unknowns` and what else is free."""
     start = np.pad(unknowns.ravel(), (0, model.size - unknowns.size))
     if len(model.shots) > 1:
         point = replace(model, apart=True).at(start)
@@ -621,8 +609,7 @@ def fit_set(model: SetModel, unknowns: Array) -> SetFit:
         nothing |= {key for key in EVEN if fit.shared.get(key, (1.0, 0.0))[0] == 0.0}
         nothing |= wanted - fit.model.fitted
         asked = ask_set(fit)
-    left_out = 1.0 - fit.model.masks.sum() / pixels
-    return replace(fit, left_out=float(left_out), asked=asked)
+    return replace(fit, left_out=float(1.0 - fit.model.masks.sum() / pixels), asked=asked)
 
 
 def _exposed(fit: SetFit) -> SetFit:
@@ -680,17 +667,14 @@ def best_first(fits: Iterable[SetFit]) -> list[SetFit]:
 
 
 def alike_fits(fits: Sequence[SetFit]) -> tuple[list[SetFit], list[SetFit]]:
-    """Fits of one image under uneven light, the best first, and those that explain it as well, in
-    either light: what is far worse in one may be all but as good in the other.
-    """
+    """Fits of one image under uneven light, and those that explain it as well in either light."""
     uneven = best_first(map(unevenly_lit, fits))
     return uneven, [m for each in (fits, uneven) for m in each if m.chi < ALIKE_CHI * each[0].chi]
 
 
 def _lights(fit: SetFit) -> tuple[Unevenness, ...]:
     """The ways in which a set's light may be uneven: as one of them it is fitted."""
-    bright = fit.point.brightness.mean()
-    now = fit.model.uneven or Unevenness(float(bright), 0.0, FIRST_DEGREES)
+    now = fit.model.uneven or Unevenness(float(fit.point.brightness.mean()), 0.0, FIRST_DEGREES)
     return tuple(now._replace(fall=fall) for fall in LIGHT_FALLS)
 
 

@@ -1,4 +1,12 @@
-from .bending import beam_moment, beam_stress
+from .bodies import (
+    beam_moment,
+    beam_stress,
+    disc_centre_difference,
+    disc_principal_difference,
+    disc_stress,
+    hole_stress,
+    ring_stress,
+)
 from .cauchy import StressComponents
 from .line_contact import (
     CoupledContact,
@@ -22,13 +30,6 @@ from .line_contact import (
     wavy_pressure,
     wedge_half_width,
     wedge_pressure,
-)
-from .round_bodies import (
-    disc_centre_difference,
-    disc_principal_difference,
-    disc_stress,
-    hole_stress,
-    ring_stress,
 )
 
 __all__ = [

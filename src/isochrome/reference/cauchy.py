@@ -118,10 +118,9 @@ def edge_root(points: Complexes, half_width: float) -> Complexes:
 
 
 def mcewen_terms(x: Floats, z: Floats, half_width: float) -> tuple[Complexes, Complexes, Floats]:
-    """McEwen's n + i m = sqrt(s² - a²), the same less s, and 1/(m² + n²) (0 at the very edge).
-
-    The second is -a²/(sqrt(s² - a²) + s): real part n - x and imaginary part m - z, each with all
-    its digits, since root and s lie in one quadrant.
+    """McEwen's n + i m = sqrt(s² - a²), the same less s, and 1/(m² + n²) (0 at the very edge). The
+    second is -a²/(sqrt(s² - a²) + s): real part n - x and imaginary part m - z, each with all its
+    digits, since root and s lie in one quadrant.
     """
     points = complex_points(x, z)
     root = edge_root(points, half_width)
@@ -134,10 +133,9 @@ def mcewen_terms(x: Floats, z: Floats, half_width: float) -> tuple[Complexes, Co
 def stress_from_transforms(
     transform: Complexes, slope_z: Complexes, friction: float = 0.0
 ) -> StressComponents:
-    """Stress from the Cauchy transform F of a pressure p with the traction q = mu p along +x.
-
+    """Stress from the Cauchy transform F of a pressure p with the traction q = mu p along +x, and
+    from z F', which has a limit at an edge where F' has none.
     (sx - sz) - 2i txz = -(2/π) [mu F - (1 - i mu) z F'],  sx + sz = -(2/π) [mu Re F - Im F]
-    The slope comes already multiplied with z, since z F' has a limit at an edge where F' has none.
     """
     conjugate = -(2.0 / np.pi) * (friction * transform - (1.0 - 1j * friction) * slope_z)
     total = -(2.0 / np.pi) * (friction * transform.real - transform.imag)

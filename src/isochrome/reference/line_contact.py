@@ -16,7 +16,6 @@ from scipy.constants import golden
 
 from isochrome.errors import InputError
 from isochrome.reference.cauchy import (
-    Complexes,
     Floats,
     StressComponents,
     check_finite,
@@ -462,15 +461,8 @@ def coupled_stress(x_mm: ArrayLike, z_mm: ArrayLike, contact: CoupledContact) ->
     x, z = half_plane_points(x_mm, z_mm)
     a = contact.half_width_mm
     points = complex_points((x - contact.centre_mm) / a, z / a)
-    value, slope = _jacobi_transform(points, contact.exponent)
-    strength = np.pi * contact.scale_mpa / np.cos(np.pi * contact.exponent)
-    return stress_from_transforms(
-        strength * value, strength * slope * points.imag, contact.friction
-    )
-
-
-def _jacobi_transform(points: Complexes, e: float) -> tuple[Complexes, Complexes]:
-    """s - 2ε - (s + 1)^(1/2 - ε) (s - 1)^(1/2 + ε) and its slope (0 on the surface, see caller)."""
+    # s - 2ε - (s + 1)^(1/2 - ε) (s - 1)^(1/2 + ε) and its slope, which does not count at z = 0
+    e = contact.exponent
     value, slope = np.zeros_like(points), np.zeros_like(points)
     far = np.abs(points) > _FAR
     near, below = ~far, ~far & (points.imag > 0.0)
@@ -486,7 +478,10 @@ def _jacobi_transform(points: Complexes, e: float) -> tuple[Complexes, Complexes
     u = 1.0 / points[far]
     value[far] = -np.polynomial.polynomial.polyval(u, series) / u
     slope[far] = np.polynomial.polynomial.polyval(u, series * (np.arange(series.size) - 1.0))
-    return value, slope
+    strength = np.pi * contact.scale_mpa / np.cos(np.pi * e)
+    return stress_from_transforms(
+        strength * value, strength * slope * points.imag, contact.friction
+    )
 
 
 def punch_pressure(x_mm: ArrayLike, *, half_width_mm: float, line_load_n_per_mm: float) -> Floats:

@@ -5,7 +5,7 @@ d cancels, and an order N0 that stays at zero load (residual stress) does not to
 
 Elsewhere stress adds as a tensor. With D = (sx - sz) + 2i txz in fringes, the loads' part is
 D_P = N (1 - rho^2)/(s^2 + 1)^2, s = x - iz in radii with z along the loads (Frocht 1948; see
-`reference.round_bodies`), and the order is |D_P + D_0| with one residual field D_0 for all loads:
+`reference.bodies`), and the order is |D_P + D_0| with one residual field D_0 for all loads:
 a polynomial, which holds what moulding, cutting and annealing leave, D_0 = (c2 r^2 + c4 r^4)
 e^(2 i phi), and an even part; and a polynomial along the directions of the loads' own field, which
 holds what creeps under them.
@@ -71,10 +71,8 @@ Array = NDArray[np.float64]
 
 
 def fit_disc(shot: Shot, starts: Array) -> Array:
-    """Fit one image's whole field: centre order, centre, radius and load direction (5,).
-
-    From `starts` (m, 5), the first of which tells where the disc is. PhysicsError for too low an
-    order, one that is ambiguous, or a fit that did not converge.
+    """One image's centre order, centre, radius and load direction (5,), from `starts` (m, 5).
+    PhysicsError for too low or ambiguous an order, or a fit that did not converge.
     """
     for rim in (0.25, RIM):
         model = disc_model([shot], starts[:1], {}, rim=rim)
@@ -87,11 +85,9 @@ def fit_disc(shot: Shot, starts: Array) -> Array:
     if any(abs(m.values[0] - order) > 0.1 for m in alike):
         raise PhysicsError("two_centre_orders_near", name=shot.name, order=order)
     if not fits[0].explained:  # richer light would make up for fringes of another field
+        part = fits[0].explained_share
         raise PhysicsError(
-            "loaded_disc_fringes_explain",
-            name=shot.name,
-            explained=fits[0].explained_share,
-            fewest_loads=FEWEST_LOADS,
+            "loaded_disc_fringes_explain", name=shot.name, explained=part, fewest_loads=FEWEST_LOADS
         )
     if order < FEWEST_FRINGES:
         raise PhysicsError("centre_order_too_low", name=shot.name, order=order)
@@ -111,9 +107,7 @@ SIZES = np.tile([_SIZE * _FALLS ** (i + j) for i, j in _POWERS], 3)
 
 
 def residual_basis(x: Array, z: Array, turn: Complexes) -> Complexes:
-    """Members (k, n) of a residual at places `x`, `z` in radii, as the loads' directions see it:
-    `turn` (n,), see `load_field`.
-    """
+    """Members (k, n) of a residual at `x`, `z` in radii, along the loads by `turn` (n,)."""
     real = _powers(x, z)
     return np.concatenate([real, turn * real, 1j * turn * real])
 
@@ -133,10 +127,7 @@ def simple_residual(even: float, round_: float) -> Array:
 
 
 def total_order(unknowns: Array, amplitudes: Array, rows: Array, cols: Array) -> Complexes:
-    """The order of loads and residual as a complex number in the loads' directions (n,).
-
-    Parameters: `unknowns` (5,), see `disc_order`; the residual's `amplitudes` (k,); `rows`, `cols`.
-    """
+    """The order (n,) of loads and residual as a complex number in the loads' directions."""
     h, turn = load_field(rows, cols, unknowns[1:])
     powers = _powers(*_places(unknowns[1:], rows, cols))
     along, real, imaginary = amplitudes.reshape(3, -1) @ powers
@@ -148,8 +139,7 @@ def by_residual(unknowns: Array, amplitudes: Array, rows: Array, cols: Array) ->
     _, turn = load_field(rows, cols, unknowns[1:])
     total = total_order(unknowns, amplitudes, rows, cols)
     direction = np.conj(total) / np.maximum(np.abs(total), 1e-12)
-    members = residual_basis(*_places(unknowns[1:], rows, cols), turn)
-    return np.asarray((direction * members).real)
+    return np.asarray((direction * residual_basis(*_places(unknowns[1:], rows, cols), turn)).real)
 
 
 def _places(geometry: ArrayLike, rows: Array, cols: Array) -> tuple[Array, Array]:
@@ -174,12 +164,9 @@ MOST_FRINGES, MOST_RADII = 0.3, 0.03
 
 
 def fit_disc_set(images: Sequence[Shot], unknowns: Array, held: dict[str, float]) -> SetFit:
-    """The set with what it shows, `images`, the loaded ones (m) first, from `unknowns` (m, 5), and
-    where it is not explained, from starts with residual stress.
-
-    Axisymmetric residuals and even ones, over radii and sizes, with orders in proportion to the
-    loads: a residual may have moved all single fits by a part of a fringe, but hardly their slope.
-    The best few are fitted on a few pixels, each image with its own light.
+    """The fit of all `images`, the loaded ones (m) first, from `unknowns` (m, 5); where it is not
+    explained, from starts with residual stress, with orders in proportion to the loads: a residual
+    may have moved all single fits by a part of a fringe, but hardly their slope.
     """
     fit = fit_set(disc_model(images, unknowns, held), unknowns)
     if not len(fit.model.kind.sizes) or (fit.explained and fit.chi < ALIKE_CHI):
@@ -214,9 +201,7 @@ def disc_model(
     rim: float = RIM,
     pixels: int = PIXELS,
 ) -> SetModel:
-    """The model of images of a disc where their unknowns (m, 5) put it, the loaded ones first, less
-    a part of the radius at the `rim`, by `pixels` of the square about the disc.
-    """
+    """The model of a disc's images where their unknowns (m, 5), of the loaded first, put it."""
     middle, radius = unknowns[:, 1:3].mean(axis=0), float(unknowns[:, 3].max())
     reach = radius + float(np.abs(unknowns[:, 1:3] - middle).max())
     circle = Circle(float(middle[0]), float(middle[1]), reach, 0.0)
@@ -290,10 +275,7 @@ def calibrate_disc(source: SetLike) -> Calibration:
 
 
 def disc_from_shots(shots: Sequence[Shot], given: CalibrationSet) -> Calibration:
-    """`calibrate_disc` on a set's prepared images, one of which at least is loaded.
-
-    InputError where the rim contradicts the diameter and a stated size of a pixel.
-    """
+    """`calibrate_disc` on a set's prepared images, one of which at least is loaded."""
     assert given.disc is not None
     diameter_mm = given.disc.diameter_mm
     factor = 8.0 / (np.pi * diameter_mm)
@@ -315,10 +297,7 @@ def disc_from_shots(shots: Sequence[Shot], given: CalibrationSet) -> Calibration
             message("closed_form_disc_does"), *unused(idle, message("order_zero_load_from"))
         ]  # fmt: skip
         return calibration_of("disc", images, factor, inputs, given, fit=None, messages=messages)
-    images, covariance = disc_images(fit, [scan.circle.radius for scan in scans], diameter_mm)
-    if given.camera.pixel_mm is not None:
-        diameters = [2.0 * image.geometry["radius_px"] for image in images]
-        check_stated_size(diameters, "diameter_mm", diameter_mm, given, "disc_px_wide_disc")
+    images, covariance = disc_images(fit, scans, given)
     return calibration_of(
         "disc", images, factor, inputs, given,
         fit=fit, covariance=covariance, residual=residual_of(fit, diameter_mm),
@@ -328,10 +307,8 @@ def disc_from_shots(shots: Sequence[Shot], given: CalibrationSet) -> Calibration
 def images_by_rise(
     shots: Sequence[Shot], scans: Sequence[Scan], diameter_mm: float, refused: PhysicsError
 ) -> list[ImageFit]:
-    """The images' orders from their rise with the load, see `fit_rise`, where no field fits them.
-
-    Raises what refused them where the rise is not clear; before that, loads that contradict the
-    orders of the images' own scans, if these are.
+    """The images' orders from their rise with the load. Where that is not clear, raises what
+    refused them; before that, loads that contradict clear orders of the images' own scans.
     """
     circles = [scan.circle for scan in scans]
     images = overlay(shots, circles)
@@ -345,17 +322,16 @@ def images_by_rise(
 
 
 def disc_images(
-    fit: SetFit, rims: Sequence[float], diameter_mm: float
+    fit: SetFit, scans: Sequence[Scan], given: CalibrationSet
 ) -> tuple[list[ImageFit], Array]:
-    """The loaded images' results from a whole set's fit, and their orders' covariance (m, m): at
-    the centre, along the loads, with the residual's part. `rims` (m,), their radii as seen, px.
+    """The loaded images' results, and their centre orders' covariance (m, m), along the loads with
+    the residual's part. InputError where the rim contradicts the diameter and a stated pixel.
     """
-    model, unknowns = fit.model, fit.own
+    assert given.disc is not None
+    model, unknowns, diameter_mm = fit.model, fit.own, given.disc.diameter_mm
     linear, places = np.zeros((len(unknowns), model.size)), []
-    for i, (of_order, (_, row, col, radius, angle)) in enumerate(
-        zip(linear, unknowns, strict=True)
-    ):
-        of_order[model.places[i][0]] = 1.0
+    for i, (_, row, col, radius, angle) in enumerate(unknowns):
+        linear[i, model.places[i][0]] = 1.0
         if RESIDUAL in model.free:  # each member at the centre, along the image's own loads
             centre = residual_basis(np.zeros(1), np.zeros(1), np.exp([2j * angle]))
             linear[i, model.places[RESIDUAL]] = centre.real[:, 0]
@@ -365,14 +341,15 @@ def disc_images(
             "position_mm": (model.cols - col) * pixel_mm,
             "pixel_mm": (float(pixel_mm * (model.rows[1] - model.rows[0])),) * 2,
         }
-        places.append((disc_geometry([row, col, radius, angle], rims[i]), cut))
+        places.append((disc_geometry([row, col, radius, angle], scans[i].circle.radius), cut))
+    if given.camera.pixel_mm is not None:
+        diameters = 2.0 * unknowns[:, 3]
+        check_stated_size(diameters, "diameter_mm", diameter_mm, given, "disc_px_wide_disc")
     return set_images(fit, linear, places)
 
 
 def residual_of(fit: SetFit, diameter_mm: float) -> dict[str, Any] | None:
-    """A fit's residual stress for `calibration.json`, None for none: the order at the centre with
-    no load, the largest where the disc is fitted, and where that is.
-    """
+    """A fit's residual stress for `calibration.json`: the order at the centre, and the largest."""
     model = fit.model
     if RESIDUAL not in model.free:
         return None

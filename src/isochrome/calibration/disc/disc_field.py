@@ -4,7 +4,7 @@ The free rim carries no principal difference, so that in a dark field it is as d
 fringes begin a little inside: the circle is a start, which the whole-field fit corrects.
 
 sigma1 - sigma2 = (8 P/(pi D d)) (1 - rho^2)/((1 + rho^2)^2 - 4 zeta^2), rho = r/R, zeta = z/R along
-the loads (Frocht 1948; see `reference.round_bodies`): the centre order scales all of it. One
+the loads (Frocht 1948; see `reference.bodies`): the centre order scales all of it. One
 image's scan of it has many minima. Several loads tell them apart: their centre orders lie on one
 line, N = k P + N0, and the line with the least sum of relative misfits picks every image's start.
 
@@ -55,10 +55,7 @@ class Circle:
 
 
 def find_rim(frame: Observation) -> Circle:
-    """Find the disc: the largest patch where the intensity changes, unlike the air at the corners.
-
-    PhysicsError where there is no disc, or the frame cuts it.
-    """
+    """The largest patch of changing light, unlike the air's. PhysicsError for none, or one cut."""
     from scipy import ndimage
 
     size = min(frame.light.shape)
@@ -102,9 +99,7 @@ def find_rim(frame: Observation) -> Circle:
 
 
 def fit_circle(points: Array) -> Circle:
-    """Fit a circle to points (n, 2), px, by least squares on radial distances, outliers
-    down-weighted (soft L1); its `scatter` is the median distance.
-    """
+    """Circle by least squares on points (n, 2), px, with soft L1; `scatter`, a median distance."""
     from scipy.optimize import least_squares
 
     centre = points.mean(axis=0)
@@ -113,9 +108,8 @@ def fit_circle(points: Array) -> Circle:
     def distance(p: Array) -> Array:
         return np.asarray(np.hypot(points[:, 0] - p[0], points[:, 1] - p[1]) - p[2])
 
-    result = least_squares(
-        distance, [*centre, radius], loss="soft_l1", f_scale=max(0.5, 0.01 * radius)
-    )
+    scale = max(0.5, 0.01 * radius)
+    result = least_squares(distance, [*centre, radius], loss="soft_l1", f_scale=scale)
     row, col, size = (float(v) for v in result.x)
     return Circle(row, col, size, float(np.median(np.abs(distance(result.x)))))
 
@@ -147,9 +141,8 @@ def load_field(
     rows: NDArray[Any], cols: NDArray[Any], geometry: ArrayLike
 ) -> tuple[Array, Complexes]:
     """The loads' field over its centre value, h (n,), and v (n,) such that the order is |N h + v D|
-    for a residual D in the image's axes.
-
-    `geometry`: row, column, radius (px) and angle of the loads from the column direction (rad).
+    for a residual D in the image's axes. `geometry`: row, column, radius (px) and angle of the
+    loads from the column direction (rad).
     """
     row, col, radius, angle = np.asarray(geometry, dtype=float)
     place = (cols - col - 1j * (rows - row)) / radius
@@ -159,9 +152,7 @@ def load_field(
 
 
 def disc_order(params: ArrayLike, rows: NDArray[Any], cols: NDArray[Any]) -> Array:
-    """Fringe order (n,) at places, 0 outside the disc, by its `params` (5,): the centre order, and
-    the geometry of `load_field`.
-    """
+    """Fringe order (n,), 0 outside the disc, by the centre order and `load_field`'s geometry."""
     order, *geometry = np.asarray(params, dtype=float)
     return np.asarray(order * np.maximum(load_field(rows, cols, geometry)[0], 0.0))
 
@@ -169,9 +160,7 @@ def disc_order(params: ArrayLike, rows: NDArray[Any], cols: NDArray[Any]) -> Arr
 def disc_mask(
     params: ArrayLike, rows: NDArray[Any], cols: NDArray[Any], *, within: float
 ) -> NDArray[np.bool_]:
-    """Pixels (m, n) where the point-load field holds: less the rim (beyond `within` radii), a zone
-    about each load point, and fringes finer than the pixels show.
-    """
+    """Pixels (m, n) off the rim and the load points, whose fringes are not finer than they show."""
     _, row, col, radius, angle = np.asarray(params, dtype=float)
     place = (cols - col + 1j * (rows[:, None] - row)) / radius
     load = 1j * np.exp(-1j * angle)
@@ -225,10 +214,8 @@ class Scan:
 
 
 def scan_disc(shot: Shot) -> Scan:
-    """Find a disc's rim and scan its centre order; PhysicsError where no disc is seen.
-
-    By its middle, where the order depends least on the geometry; the background takes all that is
-    smooth, so that only fringes count.
+    """Scan a disc's centre order in its middle, which depends least on the geometry, under a
+    background that takes all that is smooth. PhysicsError where no disc is seen.
     """
     circle = find_rim(shot)
     sizes = product(circle.radius * np.array(RADII), np.radians(ANGLES_DEG))
@@ -283,9 +270,7 @@ WITHIN = 0.8
 
 @dataclass(frozen=True)
 class Overlay:
-    """All images on the unit disc: `stack` (n, m, m), at `places` (m,) along both sides, in radii;
-    their `loads` (n,) and `numbers` in a set.
-    """
+    """Images `stack` (n, m, m) on the unit disc, at `places` (m,) along both sides, in radii."""
 
     stack: Array
     places: Array
@@ -307,9 +292,7 @@ class Overlay:
 
 @dataclass(frozen=True)
 class Rise:
-    """`slope` k (fringe/N) for loads at `angle` (rad): its share of the variation `explained`,
-    and the best share of any other slope, `runner_up`.
-    """
+    """Slope k (fringe/N), loads' angle (rad), its share of the variation and the next best's."""
 
     slope: float
     angle: float
@@ -371,10 +354,8 @@ def pixel_waves(data: Array, orders: Array, field: Array) -> tuple[Array, Comple
 
 
 def _fit_wave(wave: Complexes, varying: Array) -> tuple[Array, Complexes]:
-    """The residuals (n, m) of a cos + b sin = Re(c* w) by least squares, and c = a + ib (m,).
-
-    Of waves w without their mean, and data y (n, m) that have none: with S = sum |w|², Q = sum w²
-    it is (S c + Q c*)/2 = sum w y.
+    """Residuals (n, m) of Re(c* w) by least squares, and c (m,), of waves w less their mean and
+    data y that have none: with S = sum |w|², Q = sum w² it is (S c + Q c*)/2 = sum w y.
     """
     wave = wave - wave.mean(axis=0)
     size, square = np.sum(wave.real**2 + wave.imag**2, axis=0), np.sum(wave * wave, axis=0)
@@ -387,10 +368,8 @@ def _fit_wave(wave: Complexes, varying: Array) -> tuple[Array, Complexes]:
 def fit_rise(
     shots: Sequence[Shot], rims: Sequence[Circle], images: Overlay, rise: Rise, diameter_mm: float
 ) -> list[ImageFit]:
-    """Fit every image's centre order, from a `rise`, with the residual order free at every pixel.
-
-    The constant that they share is known up to a whole order, and chosen within half an order at
-    zero load.
+    """Every image's centre order, from a `rise`, with the residual order free at every pixel. Their
+    common constant is known up to a whole order: within half an order at zero load.
     """
     orders, place, moved = fit_orders(images, rise.slope * images.loads, rise.angle)
     variance = jackknife_variance(moved)[1:]
@@ -431,11 +410,9 @@ STRIPS = 4
 
 
 def fit_orders(images: Overlay, first: Array, angle: float) -> tuple[Array, Array, Array]:
-    """Fit the centre order of every image with the residual order free at every pixel.
-
-    From the orders `first` (n,), whose first is kept, and the `angle` of the loads, rad. Returns
-    the orders (n,), the loads' angle, the disc's scale, z and x (4,), and how the orders move
-    (b, n) where one block of the disc after another is left out, to first order in that.
+    """Fit all centre orders with the residual order free at every pixel, from the orders `first`
+    (n,), whose first is kept. Returns the orders (n,), the loads' angle, the disc's scale, z and x
+    (4,), and how the orders move (b, n) where one block of the disc is left out, to first order.
     """
     from scipy.optimize import least_squares
 
@@ -499,12 +476,10 @@ def lay_series(shots: Sequence[Shot], numbers: Sequence[int]) -> Overlay:
 
 
 def read_load(series: Overlay, shot: Shot, number: int) -> LoadReading:
-    """Read the load of a frame against the frames of known loads, itself left out of them.
-
-    From the line N = k P + N0 through all orders, fitted with a, b, c free at every pixel: u² =
-    u_J² + s² (1 + wᵀ w) (n - 2)/(n - 4)/k², u_J by `jackknife_variance` over blocks of the disc, s
-    the n known loads' scatter, w their weights there; Student's t: Gelman et al. (2013), Bayesian
-    Data Analysis, 3.2. PhysicsError: no disc, under five loads, or none that is clear.
+    """Read a load against the other frames of known loads by the line N = k P + N0 through all
+    orders, with a, b, c free at every pixel: u² = u_J² + s² (1 + wᵀ w) (n - 2)/(n - 4)/k², u_J by
+    `jackknife_variance`, s the n known loads' scatter, w their weights; Student's t: Gelman et al.
+    (2013), Bayesian Data Analysis, 3.2. PhysicsError: no disc, under five loads, none clear.
     """
     others = [i for i, other in enumerate(series.numbers) if other != number]
     known = Overlay(series.stack[others], series.places, series.loads[others])
@@ -550,9 +525,7 @@ def read_load(series: Overlay, shot: Shot, number: int) -> LoadReading:
 
 
 def _prediction(known: Overlay, orders: Array, field: Array) -> Callable[[float], Array]:
-    """The light (m,) that frames of known loads, of `orders` (n,) at the centre, make of another
-    order there, on the `field`.
-    """
+    """The light (m,) that frames of known loads make of another centre order, on the `field`."""
     data, field = known.stack[:, known.used], field[known.used]
     waves = pixel_waves(data, orders, field)[1].conj()
 

@@ -1,13 +1,12 @@
-"""Round bodies in closed form: disc, ring, and a plate with a round hole.
+"""Bodies in closed form: disc, ring, a plate with a round hole, a beam in four-point bending.
 
-Disc and ring are pressed by two opposite point loads. Axes: origin at the body's CENTRE, x to the
-right, z downward; the loads press on the top (0, -R) and the bottom (0, R). The plate is under
-tension along x, and large against its hole. Plane stress or plane strain alike: the loads are in
-equilibrium, and the stresses do not depend on elastic constants. N, mm, MPa.
+Disc and ring are pressed on the top (0, -R) and the bottom (0, R) by point loads; origin at the
+CENTRE, x to the right, z downward. The plate is under tension along x, and large against its hole.
+The beam's inner rollers press from above: eta, from mid-height, is positive DOWNWARD, where it is
+stretched. Plane stress or strain alike: no stress depends on elastic constants. N, mm, MPa.
 """
 
 from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial.polynomial import polyval
@@ -22,6 +21,7 @@ from isochrome.reference.cauchy import (
     check_finite,
     check_positive,
     complex_points,
+    coordinates,
     plane_points,
 )
 
@@ -54,8 +54,7 @@ def disc_stress(
     """
     unit, inverse, rim_distance = _disc_terms(x_mm, z_mm, load_n, diameter_mm, thickness_mm)
     total = 2.0 * unit * (1.0 - 2.0 * inverse.real)
-    difference = 4.0 * unit * rim_distance * np.square(inverse)
-    return StressComponents.from_invariants(difference, total)
+    return StressComponents.from_invariants(4.0 * unit * rim_distance * np.square(inverse), total)
 
 
 def disc_principal_difference(
@@ -107,10 +106,7 @@ def disc_centre_difference(*, load_n: float, diameter_mm: float, thickness_mm: f
 def _disc_terms(
     x_mm: ArrayLike, z_mm: ArrayLike, load_n: float, diameter_mm: float, thickness_mm: float
 ) -> tuple[float, Complexes, Floats]:
-    """2 P/(π D d), and R²/(s² + R²), s = x - iz, and 1 - r²/R².
-
-    NaN outside the disc and under the loads.
-    """
+    """2 P/(π D d), R²/(s² + R²), s = x - iz, 1 - r²/R²; NaN outside and under the loads."""
     check_positive(load_n=load_n, diameter_mm=diameter_mm, thickness_mm=thickness_mm)
     x, z = plane_points(x_mm, z_mm)
     unit, radius = 2.0 * load_n / (np.pi * diameter_mm * thickness_mm), diameter_mm / 2.0
@@ -129,15 +125,6 @@ tractions of 1e-14 of the largest stress are left on its edges, and the digits g
 
 _EXACT = 1e-17
 """Share of the load's stress at which the series ends: a rounding."""
-
-
-class _Series(NamedTuple):
-    """Powers of (s/R)² (`grow_`) and of (a/s)² (`fall_`, the first is (a/s)⁰) in Φ and in Ψ."""
-
-    grow_phi: Floats
-    fall_phi: Floats
-    grow_psi: Floats
-    fall_psi: Floats
 
 
 def ring_stress(
@@ -177,16 +164,10 @@ def ring_stress(
     StressComponents
         The stress in the broadcast shape, MPa; NaN outside and under the loads.
     """
-    check_positive(
-        load_n=load_n, diameter_mm=diameter_mm, hole_mm=hole_mm, thickness_mm=thickness_mm
-    )
+    sizes = {"diameter_mm": diameter_mm, "hole_mm": hole_mm}
+    check_positive(load_n=load_n, **sizes, thickness_mm=thickness_mm)
     if hole_mm > WIDEST_HOLE * diameter_mm:
-        raise InputError(
-            "hole_mm_but_must_most",
-            hole_mm=hole_mm,
-            widest_hole=WIDEST_HOLE,
-            diameter_mm=diameter_mm,
-        )
+        raise InputError("hole_mm_but_must_most", widest_hole=WIDEST_HOLE, **sizes)
     x, z = plane_points(x_mm, z_mm)
     disc = disc_stress(x, z, load_n=load_n, diameter_mm=diameter_mm, thickness_mm=thickness_mm)
     ratio = hole_mm / diameter_mm
@@ -194,13 +175,13 @@ def ring_stress(
     material = np.isfinite(disc.sigma_x) & (np.abs(s) >= ratio * (1.0 - SLACK))
     unit = load_n / (np.pi * diameter_mm * thickness_mm)
     total, difference = np.full(s.shape, np.nan), np.full(s.shape, complex(np.nan, np.nan))
-    s, series = s[material], _ring_series(ratio)
+    s, (grow_phi, fall_phi, grow_psi, fall_psi) = s[material], _ring_series(ratio)
     grow, fall = np.square(s), np.square(ratio / s)
-    orders = 2.0 * np.arange(len(series.grow_phi))
-    phi = polyval(grow, series.grow_phi) + polyval(fall, series.fall_phi)
-    psi = polyval(grow, series.grow_psi) + polyval(fall, series.fall_psi)
+    orders = 2.0 * np.arange(len(grow_phi))
+    phi = polyval(grow, grow_phi) + polyval(fall, fall_phi)
+    psi = polyval(grow, grow_psi) + polyval(fall, fall_psi)
     # s Φ', so that s̄ Φ' = (s̄/s) s Φ' without a power of its own
-    slope = polyval(grow, orders * series.grow_phi) - polyval(fall, orders * series.fall_phi)
+    slope = polyval(grow, orders * grow_phi) - polyval(fall, orders * fall_phi)
     total[material] = 4.0 * phi.real
     difference[material] = -2.0 * (np.conj(s) / s * slope + psi)
     return StressComponents(
@@ -211,11 +192,10 @@ def ring_stress(
 
 
 @lru_cache(maxsize=8)
-def _ring_series(ratio: float) -> _Series:
-    """The series of a hole of `ratio` a/R, for a load of 2π R d: Φ of the disc is 1 - 2/(s² + 1).
-
-    With α = A_k and γ = A_-k (R/a)^k, R = 1, ρ = a/R, the tractions D of the disc at the hole and
-    the rim's two equations for B_(k-2) and B_(-k-2) put in, k = 2, 4, ...:
+def _ring_series(ratio: float) -> tuple[Floats, Floats, Floats, Floats]:
+    """Powers of (s/R)² and (a/s)², from 0 on, in Φ and in Ψ, for a load of 2π R d, the disc's Φ
+    1 - 2/(s² + 1). With α = A_k, γ = A_-k (R/a)^k, R = 1, ρ = a/R, its tractions D at the hole and
+    the rim's equations for B_(k-2) and B_(-k-2) put in, k = 2, 4, ...:
       (1 - k) (ρ^k - ρ^(k-2)) α + (1 - ρ^(2k-2)) γ = -D_k
       (ρ^(2k+2) - 1) α + (1 + k) (ρ^(k+2) - ρ^k) γ = -D_-k ρ^(k+2)
     """
@@ -237,12 +217,8 @@ def _ring_series(ratio: float) -> _Series:
     grow_psi = (1.0 - k) * grow + fall * ratio**k  # B_(k-2)
     # B_(-k-2) a^(-k-2) from the hole, not from the rim: no difference of large terms
     fall_psi = (1.0 + k) * fall + (grow - 2.0 * sign) * ratio**k
-    return _Series(
-        np.r_[uniform, grow, 0.0],
-        np.r_[0.0, fall, 0.0],
-        np.r_[grow_psi, 0.0, 0.0],
-        np.r_[0.0, -2.0 / thin, fall_psi],
-    )
+    of_phi = np.r_[uniform, grow, 0.0], np.r_[0.0, fall, 0.0]
+    return *of_phi, np.r_[grow_psi, 0.0, 0.0], np.r_[0.0, -2.0 / thin, fall_psi]
 
 
 def hole_stress(
@@ -282,3 +258,68 @@ def hole_stress(
     total = tension_mpa * (1.0 - 2.0 * near * twice.real)
     difference = tension_mpa * (1.0 - near * twice * (1.0 + (2.0 - 3.0 * near) * twice))
     return StressComponents.from_invariants(difference, total)
+
+
+def beam_moment(load_n: float, *, inner_span_mm: float, outer_span_mm: float) -> float:
+    """Bending moment between the inner rollers.
+
+    M = P (L_outer - L_inner) / 4
+
+    Source: equilibrium of half the beam; Timoshenko, Strength of Materials, part 1.
+
+    Parameters
+    ----------
+    load_n : float
+        Total load P on both inner rollers, N.
+    inner_span_mm, outer_span_mm : float
+        Distances L_inner and L_outer of the inner and the outer rollers, mm; the latter is longer.
+
+    Returns
+    -------
+    float
+        The moment M, N mm.
+    """
+    spans = {"inner_span_mm": inner_span_mm, "outer_span_mm": outer_span_mm}
+    check_positive(load_n=load_n, **spans)
+    if not outer_span_mm > inner_span_mm:
+        raise InputError("outer_span_mm_but_must_exceed", **spans)
+    return load_n * (outer_span_mm - inner_span_mm) / 4.0
+
+
+def beam_stress(
+    eta_mm: ArrayLike,
+    *,
+    load_n: float,
+    inner_span_mm: float,
+    outer_span_mm: float,
+    height_mm: float,
+    thickness_mm: float,
+) -> Floats:
+    """Stress sigma_x along the beam between its inner rollers.
+
+    sigma_x = M eta / I,  I = d h³ / 12;  sigma_z = tau_xz = 0, so that
+    sigma1 - sigma2 = |sigma_x|
+
+    Source: Timoshenko & Goodier, Theory of Elasticity, pure bending.
+
+    Parameters
+    ----------
+    eta_mm : array_like, any shape
+        Distance eta from the neutral axis, downward, mm.
+    load_n : float
+        Total load P on both inner rollers, N.
+    inner_span_mm, outer_span_mm : float
+        Distances L_inner and L_outer of the inner and the outer rollers, mm; the latter is longer.
+    height_mm, thickness_mm : float
+        Height h and thickness d of the beam, mm.
+
+    Returns
+    -------
+    ndarray, shape of eta_mm
+        The stress, MPa; NaN beyond the edges.
+    """
+    check_positive(height_mm=height_mm, thickness_mm=thickness_mm)
+    moment = beam_moment(load_n, inner_span_mm=inner_span_mm, outer_span_mm=outer_span_mm)
+    eta = coordinates("eta_mm", eta_mm)
+    stress = moment * eta / (thickness_mm * height_mm**3 / 12.0)
+    return np.where(np.abs(eta) <= 0.5 * height_mm * (1.0 + SLACK), stress, np.nan)
