@@ -43,10 +43,8 @@ _DEVICE = re.compile(r"(con|prn|aux|nul|com[0-9]|lpt[0-9])(\..*)?", re.IGNORECAS
 
 
 def folder_names(recordings: Sequence[FramesPath]) -> tuple[str, ...]:
-    """A folder's name for each recording: its file's without the ending, or its folder's.
-
-    Equal ones get their folder's before them, or a number behind. Each is plain on every system.
-    """
+    """A folder's name for each recording, plain on every system: its file's or folder's own. Equal
+    ones get their folder's before them, or a number behind."""
     places = [Path(os.path.abspath(_first(frames))) for frames in recordings]
     plain = [_plain(place.name if place.is_dir() else place.stem) for place in places]
     count = Counter(map(_key, plain))
@@ -97,11 +95,8 @@ class Task:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a recording: its `row` of the summary, `inputs` (files' SHA-256), `exit_code`.
-
-    `already`, whether an earlier campaign had left it all; `curves`, of as many frames as can be
-    seen: `distance_m`, `frame`, fitted keys with their uncertainties.
-    """
+    """What became of a recording: its `row` of the summary, `inputs` (files' SHA-256); `already`,
+    whether an earlier campaign had left it all; `curves`, of as many frames as can be seen."""
 
     row: dict[str, Any]
     inputs: dict[str, str]
@@ -141,7 +136,7 @@ def failed(task: Task, error: IsochromeError) -> Outcome:
 
 
 def _row(task: Task, status: str) -> dict[str, Any]:
-    """A row's first columns, and the last ones, all of which every recording has."""
+    """Columns that every recording has."""
     more = "" if isinstance(task.frames, str | Path) else " ..."
     # what every file can hold
     label = f"{_first(task.frames)}{more}".encode("utf-8", "replace").decode("utf-8")
@@ -150,7 +145,6 @@ def _row(task: Task, status: str) -> dict[str, Any]:
 
 
 def _read(task: Task, processed: Processed) -> Outcome:
-    """What a run found: counts, and of each fitted key mean, scatter and uncertainty."""
     table = processed.columns
     count = len(table["frame"])
     flagged = sum(bool(text) for text in table["warnings"]) - processed.failed
@@ -196,10 +190,8 @@ def _of_known(measure: Any, values: Array) -> float | None:
 def run_side_by_side(
     tasks: Mapping[int, Task], scene: Scene, options: Mapping[str, Any], workers: int
 ) -> Generator[tuple[int, Outcome]]:
-    """Process recordings by their numbers in worker processes, each one after the other.
-
-    Where a worker is killed, those that were in work are done again, each by a worker of its own.
-    """
+    """Process recordings in worker processes, each one after the other. Where a worker is killed,
+    those that were in work are done again, each by a worker of its own."""
     waiting = dict(tasks)
     while waiting:
         try:
@@ -242,7 +234,7 @@ _NAMED = 30
 
 
 def _panels(every: Sequence[Outcome], rows: Sequence[int]) -> figures.PaperPanels:
-    """The plots of some recordings by their numbers; none where no value of DRAWN was fitted."""
+    """Of some recordings by their numbers; none where no value of DRAWN was fitted."""
     chosen = [every[k] for k in rows]
     keys = [key for key in DRAWN if any(f"{key} mean" in item.row for item in chosen)]
     if not keys:
@@ -542,7 +534,7 @@ def _all(
     workers: int | None,
     progress: CampaignProgress | None,
 ) -> list[Outcome]:
-    """All recordings' outcomes in order; what is finished when it is stopped is kept."""
+    """Outcomes in order; what is finished when it is stopped is kept."""
     result: dict[int, Outcome] = {}
 
     def tell(frames: Tally | None = None) -> None:

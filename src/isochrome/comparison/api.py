@@ -35,8 +35,8 @@ if TYPE_CHECKING:
 def side_by_side(
     experiment: ComparedFrames, simulation: ComparedFrames, metrics: Sequence[FrameMetrics]
 ) -> Figure:
-    """Draw experiment, simulation and difference beside each other (the paper's Fig. 11). Of more
-    than 8 frames evenly spaced ones. Simulated dark fringes lie over the experiment."""
+    """As the paper's Fig. 11, of evenly spaced frames, simulated dark fringes over the
+    experiment."""
     rows = tuple(output.evenly_spaced(range(len(metrics)), reporting.MOST_FRAMES))
     panels = side_by_side_panels(experiment, simulation, metrics, rows)
     *notes, foot = panels.notes
@@ -168,9 +168,9 @@ def plot_side_by_side(
 def _panes_of(
     experiment: ComparedFrames, simulation: ComparedFrames, rows: Sequence[FrameMetrics]
 ) -> tuple[list[tuple[reporting.Pane, ...]], figures.Place]:
-    """Experiment, simulation and difference of some pairs, each on one range; where they lie.
-    Differences are in fringes where any pair has metrics of orders, else in signal units; the
-    frames' range of grey is that which 99 % of the pixels fill."""
+    """Experiment, simulation and difference of some pairs, each on one range, that of grey which
+    99 % of the pixels fill; where they lie. Differences are in fringes where any pair has metrics
+    of orders."""
     of_order = any(numbers.order_rms_fringe is not None for numbers in rows)
     pairs, shown = frame_pairs(experiment, simulation), []
     for numbers in rows:
@@ -418,8 +418,7 @@ def compare(
 
 
 def compared_again(record: Mapping[str, Any], name: str) -> reporting.ReportContent:
-    """The report of two sets that were compared before, as they are on disk; `name`, the folder.
-    InputError where the sets were not files, are not there, or are others by now."""
+    """The report of two sets that were compared before, as they are on disk; `name`, the folder."""
     sets = record.get(_SETS)
     if not sets:
         raise InputError("compared_what_memory_does", name=name)

@@ -40,12 +40,9 @@ def skeleton_distance(
     pixel_mm: float | None = None,
     reach_px: float | None = None,
 ) -> Metrics:
-    """Mean distance between the fringe centre lines of two images; InputError where no line is.
-
-    To the nearest line of the same kind (and order, where both know it); mean of both directions',
-    so that neither side's longer lines rule. A point without a partner within reach (half the
-    distance of like fringes, or more with orders) only lowers `matched_share`.
-    """
+    """Mean distance to the nearest fringe line of the same kind (and order, where both know it), of
+    both directions', so that neither side's longer lines rule. A point without a partner within
+    reach (half the distance of like fringes, or more with orders) only lowers `matched_share`."""
     if not (len(experiment) or len(simulation)):
         raise InputError("no_fringe_line_either")
     by_order = all(line.order is not None for line in (*experiment, *simulation))
@@ -64,7 +61,7 @@ def skeleton_distance(
 
 
 def _nearest(source: Sequence[Skeleton], target: Sequence[Skeleton], by_order: bool) -> Floats:
-    """Distances in px from every source point to the nearest like target line; inf if none."""
+    """Distances (px) of all source points to the nearest like target line; inf if none."""
     clouds = defaultdict[tuple[str, float | None], list[Floats]](list)
     for line in target:  # filled up, so that the nearest point is as near as the line itself
         run = np.r_[0.0, np.cumsum(np.hypot(np.diff(line.rows), np.diff(line.cols)))]
@@ -87,12 +84,9 @@ _SSIM_WINDOW = 7
 
 
 def compare_orders(experiment: ArrayLike, simulation: ArrayLike) -> Metrics:
-    """Compare two maps (row, col) of the fringe order N, NaN = not known, where both are known.
-
-    d = N_experiment - N_simulation; rms = sqrt(mean d²); wrong branch: |d| > 0.25, half of a branch
-    of the dark field, sin²(pi N): a lower bound, as a pixel mirrored beside a branch's edge is not
-    counted.
-    """
+    """Of maps (row, col) of the order N, NaN = not known: d = N_experiment - N_simulation; wrong
+    branch: |d| > 0.25, half of a branch of the dark field, sin²(pi N): a lower bound, as a pixel
+    mirrored beside a branch's edge is not counted."""
     measured, model, known = _paired(experiment, simulation, "fringe-order maps", "fringe order")
     difference = measured[known] - model[known]
     size = np.abs(difference)
@@ -108,13 +102,10 @@ def compare_orders(experiment: ArrayLike, simulation: ArrayLike) -> Metrics:
 def compare_signals(
     experiment: ArrayLike, simulation: ArrayLike, *, noise: ArrayLike | None = None
 ) -> Metrics:
-    """Compare two images of the same fringes, whatever their brightness and contrast.
-
-    NCC = <(E - Ē)(S - S̄)>/(sd E sd S); RMSE = rms r, r = E - (gain S + offset) by least squares;
-    over noise (a standard deviation) rms (r/noise), 1 if only noise is left. SSIM (7 x 7, E and
-    gain S + offset, windows wholly known, of a span of 1) is given as others report it: a perfect
-    model scores .893 on one noisy frame, one 1 % off in load .890.
-    """
+    """Of images of the same fringes: NCC = <(E - Ē)(S - S̄)>/(sd E sd S); RMSE = rms r, r = E -
+    (gain S + offset) by least squares; over noise (a standard deviation) rms (r/noise). SSIM (7 x
+    7, E and gain S + offset, windows wholly known, of a span of 1) is given as others report it: a
+    perfect model scores .893 on one noisy frame, one 1 % off in load .890."""
     measured, model, known = _paired(experiment, simulation, "images", "signal")
     a, b = (image[known] - image[known].mean() for image in (measured, model))
     # the least-squares line of the grey levels; of a model without contrast their mean
@@ -144,7 +135,7 @@ def compare_signals(
 def _paired(
     experiment: ArrayLike, simulation: ArrayLike, what: str, quantity: str
 ) -> tuple[Floats, Floats, NDArray[np.bool_]]:
-    """Both sides in one shape, and the pixels that both know, one at least."""
+    """Both sides, and the pixels that both know."""
     measured = np.asarray(experiment, dtype=np.float64)
     model = np.asarray(simulation, dtype=np.float64)
     if measured.shape != model.shape or measured.ndim != 2:
@@ -169,13 +160,8 @@ def _ssim(measured: Floats, model: Floats, known: NDArray[np.bool_]) -> float:
     if not inner.any():
         return float("nan")
     level = float(measured[known].mean())
-    _, local = structural_similarity(
-        np.where(known, measured, level),
-        np.where(known, model, level),
-        win_size=_SSIM_WINDOW,
-        data_range=1.0,
-        full=True,
-    )
+    both = (np.where(known, image, level) for image in (measured, model))
+    _, local = structural_similarity(*both, win_size=_SSIM_WINDOW, data_range=1.0, full=True)
     return float(local[inner].mean())
 
 
@@ -312,8 +298,7 @@ def compare_frames(experiment: ComparedFrames, simulation: ComparedFrames) -> li
 def compare_pair(
     experiment: ComparedFrames, simulation: ComparedFrames, index: int, pair: tuple[int, int]
 ) -> FrameMetrics:
-    """Compare a pair: its fringe lines are the order maps', or the signals', where both are known.
-    Either is blank where the other has nothing to say."""
+    """The fringe lines are the order maps', or the signals', where both are known."""
     i, j = pair
     label = (experiment if len(experiment) >= len(simulation) else simulation).label(index)
     measured, model = experiment.signal[i], simulation.signal[j]
@@ -357,15 +342,13 @@ def frame_pairs(experiment: ComparedFrames, simulation: ComparedFrames) -> list[
 _SIGNALS = (("normalised.tif", "frames.csv"), ("frames.tif", "history.csv"))
 _ORDER = "fringe_order.tif"
 
-
 SetToCompare = FramesLike | Processed | Simulation | ComparedFrames
 """A frame set as a caller may give it: a result's folder, a result in memory, or frames."""
 
 
 def load_frame_set(given: SetToCompare) -> ComparedFrames:
-    """Load frames (frame, row, col) to compare, as a signal of 0 to 1. Of a result, in memory or a
-    folder: `normalised.tif` or `frames.tif`, `fringe_order.tif`, labels of `frames.csv` or
-    `history.csv`, place of `scene.toml`. Else bare frames, as by `open_frames`."""
+    """Load frames (frame, row, col) to compare, as a signal of 0 to 1: those of a result, in memory
+    or a folder, else bare ones, as by `open_frames`."""
     if isinstance(given, ComparedFrames):
         return given
     if isinstance(given, Processed | Simulation):
@@ -428,8 +411,7 @@ def _compared(
     simulated: bool = False,
     pixel_mm: float | None = None,
 ) -> ComparedFrames:
-    """A result's frames (frame, row, col[, channel]) as a signal of 0 to 1; `table`, of
-    frames.csv."""
+    """Frames (frame, row, col[, channel]) as a signal of 0 to 1; `table`, of frames.csv."""
     table, order = _of_pictures(table, order)
     camera, steps = scene.camera or Camera(), scene.polariscope.frames_a_state
     signal = _one_channel(scaled(stack, camera.bit_depth), scene)

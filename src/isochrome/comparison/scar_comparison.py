@@ -74,9 +74,8 @@ def root_sum_square(moved: Mapping[str, Any]) -> Any:
 
 
 def simulated_scars(scene: Scene, distances_m: Sequence[float]) -> list[SimulatedScar]:
-    """Simulate a scene's scars, and how its stated uncertainties move them. Each input is moved by
-    its standard uncertainty to both sides: dh = (h(+u) - h(-u))/2, which is h's derivative times u
-    to the second order."""
+    """Simulate a scene's scars, and how its stated uncertainties move them: each input to both
+    sides by u, dh = (h(+u) - h(-u))/2, which is h's derivative times u to the second order."""
     if scene.wear is None:
         raise InputError("has_no_wear_which", name=scene.name)
 
@@ -183,13 +182,10 @@ class ScarPair:
 
 
 def pair_scar(trace: LevelledTrace, scar: SimulatedScar) -> ScarPair:
-    """Move a trace, whose x begins anywhere, onto a simulated scar, and subtract.
-
-    With d = h_measured - h_simulated over n bins the shift is that of least dᵀ C_trace⁻¹ d, from
-    the middles between both scars' edges: u_shift² = 1/(h'ᵀ C_trace⁻¹ h'), C = C_trace + Σ_inputs
-    δh δhᵀ + u_shift² h' h'ᵀ, chi² = dᵀ C⁻¹ d/n. A deeper or wider scar stays in the middle: h' is
-    odd.
-    """
+    """Move a trace, whose x begins anywhere, onto a simulated scar, and subtract: with d =
+    h_measured - h_simulated over n bins the shift is that of least dᵀ C_trace⁻¹ d, u_shift² =
+    1/(h'ᵀ C_trace⁻¹ h'), C = C_trace + Σ_inputs δh δhᵀ + u_shift² h' h'ᵀ, chi² = dᵀ C⁻¹ d/n. A
+    deeper or wider scar stays in the middle: h' is odd."""
     first = trace.centre_mm - 0.5 * sum(scar.edges_mm)
     fitted = _both(trace, scar, first)
     root = np.linalg.cholesky(definite(trace.depth_covariance_um2[np.ix_(fitted, fitted)]))
@@ -424,12 +420,9 @@ def compare_scars(
     simulation: str | Path | Scene,
     out: str | Path | None = None,
 ) -> ScarComparison:
-    """Set measured scars beside the simulated ones: depth over x, worn area, width, difference.
-
-    Traces (of a scene, a `calibrate_wear` set, or files with their distances, m) are levelled on
-    their shoulders and moved onto the simulated scar. The band is the root sum of squares of [h(+u)
-    - h(-u)]/2 over the inputs: JCGM 100:2008 (GUM), 5.1. PhysicsError: no trace shows a scar.
-    """
+    """Set measured scars beside the simulated ones. Traces (of a scene, a `calibrate_wear` set, or
+    files with their distances, m) are levelled on their shoulders and moved onto the simulated
+    scar. The band is the root sum of squares of [h(+u) - h(-u)]/2: JCGM 100:2008 (GUM), 5.1."""
     files, listed = _traces(measured)
     if not isinstance(simulation, Scene) and Path(simulation).is_dir():  # what `simulate` left
         simulation = Path(simulation) / "scene.toml"
@@ -483,7 +476,7 @@ def _traces(
 def _paired(
     files: Sequence[Path], scars: Sequence[SimulatedScar]
 ) -> tuple[tuple[ScarPair | None, ...], tuple[str, ...]]:
-    """Each trace on its scar, and what is to be said; PhysicsError where none shows a scar."""
+    """Each trace on its scar, and what is to be said."""
     pairs: list[ScarPair | None] = []
     messages: list[str] = []
     first: UnclearScarError | None = None
@@ -507,7 +500,6 @@ _FOR_PAPER = 4
 _BESIDE = 1.7
 """Half of what is drawn over half of the widest scar."""
 
-
 _Row = tuple[SimulatedScar, list[tuple[str, ScarPair]], Any]
 """Of a distance its simulated scar, its named traces, and their colour."""
 
@@ -520,14 +512,13 @@ def _draw_simulated(axes: Axes, row: _Row, **look: Any) -> None:
 
 
 def _draw_overlay(axes: Axes, row: _Row) -> None:
-    """The traces of a distance over its simulated scar."""
     _draw_simulated(axes, row, colour=figures.INK, lw=figures.BOLD_PT, label="simulated")
     _draw_traces(axes, row, lambda pair: pair.trace.depth_um)
     figures.add_legend(axes, loc="lower right")
 
 
 def _draw_traces(axes: Axes, row: _Row, depth: Callable[[ScarPair], Array]) -> None:
-    """A depth of each trace of a distance, paler from trace to trace."""
+    """Paler from trace to trace."""
     _, traces, colour = row
     for number, (name, pair) in enumerate(traces):
         look = {"color": colour, "lw": figures.LINE_PT, "alpha": 1.0 - 0.6 * number / len(traces)}
@@ -536,7 +527,6 @@ def _draw_traces(axes: Axes, row: _Row, depth: Callable[[ScarPair], Array]) -> N
 
 
 def _draw_gap(axes: Axes, row: _Row) -> None:
-    """What the traces of a distance differ by from the simulated scar."""
     _, traces, colour = row
     _draw_traces(axes, row, lambda pair: pair.difference_um)
     axes.axhline(0.0, color=figures.GREY, lw=figures.FINE_PT)

@@ -164,9 +164,9 @@ ENVELOPE = "least, most"
 
 
 def curve_columns(axes: Axes) -> dict[str, Array]:
-    """The data of the curves of a plot, as columns for a spreadsheet, NaN where one is shorter. x
-    and y of each curve, the ends of its band or bar, of Axes and of those over them; several curves
-    over one x have it once, and one that is drawn twice stands once."""
+    """The data of a plot's curves as columns for a spreadsheet, NaN where one is shorter: x and y,
+    the ends of bands or bars, of Axes and of those over them; several curves over one x have it
+    once, and one that is drawn twice stands once."""
     columns: dict[str, Array] = {}
     drawn: list[list[Array]] = []
     for name, across, up, x, values in _curves(axes):
@@ -191,7 +191,7 @@ _Curve = tuple[str, Array, dict[str, Array]]
 
 
 def _curves(axes: Axes) -> Iterator[tuple[str, str, str, Array, dict[str, Array]]]:
-    """Curves of Axes and of those over them: name, what is across and up, x, values."""
+    """Name, what is across and up, x, values, of Axes and of those over them."""
     from matplotlib.container import ErrorbarContainer
 
     label = _plain(axes.get_xlabel()) or "x"
@@ -386,8 +386,8 @@ def figure_for_page(result: Result, style: FigureStyle) -> tuple[Figure, tuple[s
 
 
 def panels_figure(panels: PaperPanels, head: str, *, picture_mm: float = 80.0) -> Figure:
-    """The same panels for a screen, all of them, with their numbers, below a head. Pictures are
-    `picture_mm` wide or more; all kinds of an item stand beside each other."""
+    """The same panels for a screen, all of them, with their numbers, below a head; pictures are
+    `picture_mm` wide or more."""
     style = FigureStyle(width_mm=_SCREEN_MM, numbers=True)
     rows = _picture_rows(panels, _SCREEN_MM, least_mm=picture_mm)
     return _drawn(panels, style, rows, list(panels.plots), head=head)
@@ -404,7 +404,7 @@ def _picture_rows(
     panels: PaperPanels, width_mm: float, *, least_mm: float = _LEAST_MM
 ) -> list[list[tuple[int, int]]]:
     """Rows of pictures, as numbers of their kind and item: the kinds beside each other where they
-    fit, else the items, of which all rows of a kind come together."""
+    fit, else the items."""
     kinds, items = range(len(panels.kinds)), range(len(panels.labels))
     if not kinds:
         return []
@@ -445,10 +445,9 @@ def _drawn(
     lowest: bool = False,
     head: str = "",
 ) -> Figure:
-    """The figure with its pictures in rows; texts may be long, and Matplotlib gives them room."""
+    """Texts may be long, and Matplotlib gives them room."""
     notes = "\n".join(fold(note, style.width_mm - 2.0) for note in panels.notes if style.numbers)
-    most = min(int(style.width_mm / _PLOT_MM), panels.plots_across)
-    plot_rows = _split(plots, most)
+    plot_rows = _split(plots, min(int(style.width_mm / _PLOT_MM), panels.plots_across))
     heights = _plot_heights(panels, style, plot_rows, lowest=lowest)
     head = "\n".join(fold(line, style.width_mm - 8.0) for line in head.splitlines())
     blocks = {
@@ -483,8 +482,8 @@ def _lay_out(
     figure: Figure, grid: GridSpec, blocks: dict[str, float], pictures: list[list[Axes]],
     head_mm: float,
 ) -> None:  # fmt: skip
-    """Give every letter the paper's size, and the figure the height of its pictures at their width.
-    All places are rounded then, so that the same figure is the same file each time."""
+    """Give letters the paper's size, and the figure the height of its pictures at their width;
+    places are rounded, so that the same figure is the same file each time."""
     from matplotlib.text import Text
 
     for drawn in figure.findobj(lambda artist: hasattr(artist, "tick_params")):
@@ -520,7 +519,7 @@ def _draw_pictures(
     width_mm: float,
     letters: Iterator[str],
 ) -> list[list[Axes]]:
-    """Draw the rows of pictures, each kind's colour bar below its last row, and as wide."""
+    """Each kind's colour bar stands below its last row, and is as wide."""
     cols = max(map(len, rows))
     grid: Any = part.add_gridspec(len(rows), cols)
     shown = [[part.add_subplot(grid[r, c]) for c in range(len(row))] for r, row in enumerate(rows)]
@@ -579,8 +578,7 @@ def _draw_plots(
     heights: list[float],
     letters: Iterator[str],
 ) -> None:
-    """Draw the plots in rows, each with its title over its numbers too, and a legend below all.
-    Numbers, a label and names of lines have room in a plot, beside the names of bars."""
+    """In rows, each with its title over its numbers too, and a legend below all."""
     from matplotlib.ticker import AutoLocator
 
     cols = max(map(len, rows))
@@ -611,8 +609,8 @@ def _draw_plots(
 
 
 def _missing_mm(row: Sequence[Axes]) -> float:
-    """What the pictures of a row lack in height, or have too much, to be as wide as their place.
-    Numbers and labels below a picture that ends above its place are no room too much."""
+    """What pictures lack in height, or have too much, to be as wide as their place. Numbers and
+    labels below a picture that ends above its place are no room too much."""
     lacking = []
     for axes in row:
         axes.apply_aspect()

@@ -42,8 +42,7 @@ _FEW = 40
 
 
 def frame_axis(table: FrameValues) -> tuple[Array, str]:
-    """Where frames stand on an axis, and its label: at several distances (m; NaN: still), or
-    numbers."""
+    """Where frames stand on an axis, and its label: at distances (m; NaN: still), or numbers."""
     known = table.distance_m[np.isfinite(table.distance_m)]
     if known.size and np.ptp(known) > 0.0:
         return table.distance_m, "sliding distance (m)"
@@ -64,9 +63,8 @@ def draw_course(
     axis: Axes, place: Array, values: Array, spread: Array | None = None, *,
     colour: Any = style.LINE_COLOURS[0], **line: Any,
 ) -> Array:  # fmt: skip
-    """Draw values over places with their band; of many, neighbours are one point. Their mean, in an
-    envelope of all their values, and one of all their bands. Gives which are drawn, rising: those
-    with a place, and of few those that are known."""
+    """Draw values over places with their band; of many, neighbours are one point, their mean, in an
+    envelope of all their values and of all their bands. Gives which are drawn, rising."""
     order = np.argsort(place, kind="stable")[: int(np.isfinite(place).sum())]
     # a line goes on over frames without the key, and breaks where a video's frame tells nothing
     drawn = order[np.isfinite(values[order])] if len(order) <= _FEW else order
@@ -102,8 +100,8 @@ def course_plot(title: str, across: str, place: Array, values: Array) -> Plot:
 
 
 def draw_values(axis: Axes, table: FrameValues, key: str) -> None:
-    """Draw a key over the frames, or the distance, with its band. Frames that stand still are
-    squares at the distance 0, key frames dots, and frames found by a full search circles."""
+    """Draw a key with its band. Frames that stand still are squares at the distance 0, key frames
+    dots, and frames found by a full search circles."""
     j = table.keys.index(key)
     values, spread = table.values[:, j], table.standard_uncertainty[:, j]
     place, across = frame_axis(table)
@@ -126,7 +124,6 @@ def draw_values(axis: Axes, table: FrameValues, key: str) -> None:
 
 
 def _mark(axis: Axes, table: FrameValues, place: Array, values: Array) -> None:
-    """Mark key frames, and those that were found by a full search, where they can be told apart."""
     looks: tuple[tuple[Array, str, dict[str, Any]], ...] = (
         (table.whole, "key frames", {"marker": ".", "color": style.INK, "ms": 4}),
         (table.searched, "full search",
@@ -156,9 +153,8 @@ def values_plots(table: FrameValues) -> list[Plot]:
 
 
 def budget_plot(title: str, parts: Mapping[str, float], *, unit: str) -> Plot:
-    """An uncertainty budget as bars, the first on top, each with its share: a plot high enough.
-    Small contributions are drawn in a power of ten of the unit, for Matplotlib's own would stand in
-    the label's place."""
+    """An uncertainty budget as bars, the first on top, each with its share. Small ones are drawn in
+    a power of ten of the unit, for Matplotlib's own would stand in the label's place."""
     parts = {name: part for name, part in parts.items() if part > 0.0 and np.isfinite(part)}
     tall = max(30.0, 5.0 * (len(parts) + 1))
     largest = max(parts.values(), default=1.0)

@@ -22,8 +22,7 @@ FRAME_MAP = "gray"
 VALUE_MAP = "viridis"
 DIFFERENCE_MAP = "RdBu_r"
 PAPER_DIRECTION_MAP = "twilight"
-"""Colours of a direction, the same at -90 and at 90 degrees, for colour-blind readers and in
-grey."""
+"""Of a direction, the same at -90 and at 90 degrees, for colour-blind readers and in grey."""
 
 UNKNOWN_COLOUR = "#dcdcdc"
 """Light grey, hatched, where an image holds NaN (not known)."""
@@ -111,12 +110,8 @@ def show_image(
     title: str = "",
     colour_label: str = "",
 ) -> AxesImage:
-    """Draw an image at true proportions: x to the right, z down, in mm, or px without a scale.
-
-    (row, col) values or (row, col, 3) colours, where 0 or `vmin` is black and 1 or `vmax` full
-    light; by default the finite values' range. NaN is left out, and the hatched light grey behind
-    shows.
-    """
+    """Draw (row, col) values or (row, col, 3) colours at true proportions: x to the right, z down,
+    in mm, or px without a scale. NaN is left out, and the hatched light grey behind shows."""
     values = np.asarray(image)
     if values.dtype != np.float32:  # as maps are, of which a picture shows many
         values = values.astype(float)
@@ -176,8 +171,7 @@ def add_colour_bar(drawn: AxesImage, label: str) -> Colorbar:
 
 
 def centred_limit(*differences: ArrayLike, percentile: float = 99.0) -> float:
-    """A symmetric limit for differences: 1, 1.5, 2, 3, 5 or 7 times a power of ten, over 99 % of
-    all."""
+    """A symmetric limit over 99 % of differences: 1, 1.5, 2, 3, 5 or 7 times a power of ten."""
     parts = [np.abs(np.asarray(each, dtype=float)).ravel() for each in differences]
     values = np.concatenate([part[np.isfinite(part)] for part in parts] or [np.zeros(0)])
     largest = float(np.percentile(values, percentile)) if values.size else 0.0

@@ -23,6 +23,7 @@ import numpy as np
 import isochrome
 from isochrome import output, runs
 from isochrome.errors import InputError, PhysicsError
+from isochrome.estimation import light_basis
 from isochrome.fitting import LOAD
 from isochrome.frames import (
     Check,
@@ -61,7 +62,6 @@ from isochrome.processing.kinds.kind import (
     kind_of,
     open_set,
     own_scene,
-    release_caches,
 )
 from isochrome.processing.result import (
     FIGURE,
@@ -81,6 +81,7 @@ from isochrome.reporting import write_report
 from isochrome.runs import Column
 from isochrome.scene import FramesLike, Scene, SceneLike, check_pixel, dump_scene, frames_of
 from isochrome.simulation import picture_axes
+from isochrome.specimens import surface_field_grid
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -105,8 +106,7 @@ def set_layout(source: FrameSource, count: int) -> runs.RunLayout:
 
 
 def process_chunk(task: FrameTask, start: int, stop: int) -> runs.Results:
-    """What is found in the states [start, stop) of a set, which are let go one by one. Raises
-    InputError, PhysicsError."""
+    """What is found in the states [start, stop) of a set, which are let go one by one."""
     scene, layers = task.scene, task.kind.layers(task.scene)
     pictures = defaultdict[str, list[Any]](list)
     rows, more = [], []
@@ -143,7 +143,6 @@ def process_chunk(task: FrameTask, start: int, stop: int) -> runs.Results:
 
 
 def _within(item: ProcessedFrame, layers: Sequence[runs.Layer]) -> ProcessedFrame:
-    """A frame, that says where its orders go beyond what the store's steps reach."""
     step = next((layer.compact for layer in layers if layer.name == ORDER.name), None)
     if step is None or item.reading is None:
         return item
@@ -153,8 +152,7 @@ def _within(item: ProcessedFrame, layers: Sequence[runs.Layer]) -> ProcessedFram
 
 
 def picture_of(item: ProcessedFrame, name: str, shape: tuple[int, ...]) -> np.ndarray:
-    """A layer's picture of a frame (rows, cols). Where it has none, no order is known, and none can
-    be relied on."""
+    """A layer's picture of a frame (rows, cols); 0 or NaN where it has none."""
     if (result := item.maps().get(name)) is not None:
         return result
     return np.full(shape, 0.0 if name == CONFIDENCE.name else np.nan, dtype=np.float32)
@@ -173,15 +171,29 @@ def finish_set_folder(
     out: Path, job: runs.Job, task: FrameTask, residual: ResidualStress | None,
     run_folder: runs.RunFolder,
 ) -> Processed:  # fmt: skip
-    """Make the files that need all frames, from what is kept of their chunks, for `out`."""
-    release_caches()
+    """Make the files that need all frames, of what is kept of their chunks; skeleton.csv where a
+    line was found."""
+    close_kept()
+    light_basis.cache_clear()  # what the frames shared: all of them are done
+    surface_field_grid.cache_clear()
+    runs.trim_heap()
     folder, scene, shape = run_folder.results, task.scene, task.reader.shape
     more = output.columns_of(others for _, others in runs.rows(run_folder))
     table = tabulate_set(row for row, _ in runs.rows(run_folder))
     result = collect(scene, table, more, None, shape, residual, name=str(task.reader.path))
     table = result.columns
     output.write_csv(folder / "frames.csv", table)
-    _join_lines(run_folder, task)
+    if next(runs.parts(run_folder, LINES), None) is not None:
+        with output.replacing(folder / LINES) as beside, open(beside, "wb") as file:
+            for number, part in enumerate(runs.parts(run_folder, LINES)):
+                # the head of the first alone
+                file.write(part if number == 0 else part.partition(b"\n")[2])
+    if task.rois:
+        with output.replacing(folder / ROIS) as beside, zipfile.ZipFile(beside, "w") as archive:
+            for part in runs.parts(run_folder, ROIS):
+                with zipfile.ZipFile(io.BytesIO(part)) as inner:
+                    entries = ((name, inner.read(name)) for name in inner.namelist())
+                    output.add_rois(archive, entries)
     if result.fitted is not None:
         output.write_text(folder / "fitted_scene.toml", dump_scene(result.fitted))
     output.write_text(folder / "scene.toml", dump_scene(scene))
@@ -201,8 +213,8 @@ def _add_to_store(
     run_folder: runs.RunFolder, job: runs.Job, result: Processed, more: dict[str, Any],
     shape: tuple[int, int],
 ) -> None:  # fmt: skip
-    """Add the table to run.zarr, and write the stacks with what ImageJ shows of them. The columns
-    as arrays live no longer than this: a long run's are as large as its table."""
+    """Add the table to run.zarr, and write the stacks. The columns as arrays live no longer than
+    this: a long run's are as large as its table."""
     layout, table = run_folder.layout, result.columns
     columns, axes = _set_columns(result, more, shape)
     about = runs.attributes(job.identity)
@@ -225,24 +237,6 @@ def _add_to_store(
             view = output.imagej_view(layer_name, span, labels=labels, **place)
             path, values = run_folder.results / f"residual_{name}.tif", getattr(residual, name)
             output.write_tiff(path, values[None], pixel_mm=place["pixel_mm"], metadata=view)
-
-
-def _join_lines(run_folder: runs.RunFolder, task: FrameTask) -> None:
-    """skeleton.csv where a line was found, and skeleton.zip where it was asked for."""
-    if next(runs.parts(run_folder, LINES), None) is not None:
-        with output.replacing(run_folder.results / LINES) as beside, open(beside, "wb") as file:
-            for number, part in enumerate(runs.parts(run_folder, LINES)):
-                # the head of the first alone
-                file.write(part if number == 0 else part.partition(b"\n")[2])
-    if task.rois:
-        with (
-            output.replacing(run_folder.results / ROIS) as beside,
-            zipfile.ZipFile(beside, "w") as archive,
-        ):
-            for part in runs.parts(run_folder, ROIS):
-                with zipfile.ZipFile(io.BytesIO(part)) as inner:
-                    entries = ((name, inner.read(name)) for name in inner.namelist())
-                    output.add_rois(archive, entries)
 
 
 def process_in_memory(source: FrameSource, count: int, progress: RunProgress | None) -> Processed:
@@ -285,7 +279,6 @@ def _dataset(
     result: Processed, more: Mapping[str, list[Any]], layers: Sequence[runs.Layer],
     pictures: Mapping[str, list[np.ndarray]], shape: tuple[int, int],
 ) -> RunDataset:  # fmt: skip
-    """The dataset of a set in memory, as run.zarr has it."""
     columns, places = _set_columns(result, more, shape)
     maps = {}
     for layer in layers:
@@ -309,8 +302,7 @@ def _set_columns(
     outcome["messages"] = result.messages
     # all are there, whatever is known of them: a dataset's axes do not come and go
     columns = {name: runs.column(values, "frame", name) for name, values in outcome.items()}
-    of_frames = ("frame", "name", "label", "distance_m", "time_s")
-    axes = {name: columns.pop(name) for name in of_frames}
+    axes = {k: columns.pop(k) for k in ("frame", "name", "label", "distance_m", "time_s")}
     edges = (("x", "left", "along the surface"), ("z", "top", "depth below the surface"))
     if grid is None:
         for name, size in zip(("row", "col"), shape, strict=True):
@@ -487,15 +479,13 @@ def process(
             keep_going=keep_going, preview=shown,
         )  # fmt: skip
         options = runs.RunOptions(workers, cluster, restart, keep_going)
-        identity = partial(identity_of, task, files)
-        result = _processed(task, identity, out, options, progress)
+        result = _processed(task, partial(identity_of, task, files), out, options, progress)
         return replace(result, as_stated=as_stated, arrange=processed_panels)
 
 
 def _kind_of_set(
     scene: Scene, reader: FrameReader, track: bool, each: bool, every: int | None, maps: str | None
 ) -> FrameKind:
-    """How a set is processed: followed where that is asked, or is usual; else state by state."""
     followed = track or (not each and reader.kind == "video")
     keyed = followed and accepts_keys(scene)
     if followed and not keyed:
@@ -522,7 +512,6 @@ def _processed(
     options: runs.RunOptions,
     progress: RunProgress | None,
 ) -> Processed:
-    """All states of a set, in memory or into a folder, or as a finished run has left them there."""
     place = Path(out or "").absolute()
     if (
         out is not None
@@ -569,8 +558,7 @@ def process_frame(frames: FramesLike, scene: Scene, index: int) -> FrameResult:
 
 
 def anchor_preview(frames: FramesLike, scene: Scene, index: int) -> AnchorPreview:
-    """Follow the fringes of one frame, to say what known orders would make of it. InputError where
-    the scene's frames tell their orders themselves."""
+    """Follow the fringes of one frame, to say what known orders would make of it."""
     if scene.polariscope.tells_orders:
         raise InputError("colours_phase_steps_read", name=scene.name)
     from isochrome.processing.kinds.image_only import AnchorPreview
@@ -583,7 +571,6 @@ def anchor_preview(frames: FramesLike, scene: Scene, index: int) -> AnchorPrevie
 def _captured(
     frames: FramesLike, scene: Scene, index: int
 ) -> Iterator[tuple[FrameSource, list[Frame]]]:
-    """A set that is opened for one of its states, and its frames."""
     check_scene(scene)
     with runs.single_threaded(), open_scene_frames(frames, scene) as reader:
         scene = with_file_scale(scene, reader)
@@ -641,15 +628,14 @@ def check(path: FramesLike, scene: SceneLike) -> Check:
     result = look_through(path, scene)
     frames = scene.frames
     tells = scene.has_model or (frames.no_load_dark and frames.no_load_bright)
-    orders_told = scene.polariscope.tells_orders  # by their states themselves
-    if not result.ok or not result.count or orders_told or not tells:
+    # states of some lights tell their orders themselves
+    if not (result.ok and result.count and tells) or scene.polariscope.tells_orders:
         return result
     with runs.single_threaded():
         return result.with_more(_by_fringes(path, scene, result.count))
 
 
 def _by_fringes(path: FramesLike, scene: Scene, count: int) -> Iterator[Finding]:
-    """What the fringes of some frames say of the scene."""
     with open_scene_frames(path, scene) as reader:
         scene = with_file_scale(scene, reader)
         kind, loads = kind_of(scene), scene.frames.known_loads_n

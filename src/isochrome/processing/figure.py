@@ -64,12 +64,9 @@ _LIGHT = (0.0, 1.0)
 
 @dataclass(frozen=True, kw_only=True)
 class Shown:
-    """A processed frame as it is drawn: maps (rows, cols), NaN = not known.
-
-    `kept`, the share of pixels whose order is known; `normalised`, None where a followed frame's
-    picture is not kept; `order` and `isoclinic`, None where none is read; `lines`, whether fringe
-    lines were found without an order.
-    """
+    """A processed frame as it is drawn: maps (rows, cols), NaN = not known, None where none is kept
+    or read. `kept`, the share of pixels whose order is known; `lines`, whether fringe lines were
+    found without an order."""
 
     number: int
     label: str
@@ -83,8 +80,8 @@ class Shown:
 
 
 def set_figure(scene: Scene, table: Mapping[str, list[Any]], items: list[Shown]) -> Figure:
-    """The picture of a set: frames with their fringes and orders; of a tracked one its values too.
-    A phase-stepped state has its dark field in the place of the frame, and its isoclinic angles."""
+    """Frames with their fringes and orders; of a tracked set its values too. A phase-stepped state
+    has its dark field in the place of the frame, and its isoclinic angles."""
     turned = any(item.isoclinic is not None for item in items)
     what = "phase-stepped set as dark field" if turned else "captured frames, normalised"
     what += ", residual stress taken out" if scene.frames.no_load_steps else ""
@@ -173,7 +170,6 @@ def _line_orders(largest: float) -> Array:
 
 
 def _highest_order(order: Array | None) -> float:
-    """The order up to which a frame's colours go; 1 where none is known."""
     if order is None or not np.isfinite(order).any():
         return 1.0
     return float(np.nanpercentile(order, 99.9))
@@ -194,8 +190,7 @@ def shown_items(table: Mapping[str, list[Any]], dataset: Kept, status: list[str]
 
 
 def processed_panels(result: Processed, frames: tuple[int, ...] | None) -> figures.PaperPanels:
-    """Frames with their fringes and their orders; of a tracked video its values too. InputError
-    where there is no such frame, or it has no map of its order."""
+    """Frames with their fringes and their orders; of a tracked video its values too."""
     table, dataset = result.columns, result.dataset
     status = column_values(dataset["status"])
     usual, having = _drawn_frames(table, status), list(range(len(status)))
@@ -219,7 +214,6 @@ def processed_panels(result: Processed, frames: tuple[int, ...] | None) -> figur
 
 
 def _panels(table: Mapping[str, list[Any]], items: Sequence[Shown]) -> figures.PaperPanels:
-    """Frames, their orders and isoclinics, and the plots of a tracked video's values."""
     largest = max((_highest_order(item.order) for item in items), default=1.0)
 
     def draw(axes: Axes, k: int, name: str, span: tuple[float, float]) -> AxesImage:
@@ -282,7 +276,6 @@ def _is_of_all(values: Any) -> bool:
 
 
 def _shown(table: Mapping[str, list[Any]], dataset: Kept, k: int) -> Shown:
-    """Frame k with those of its maps that are kept."""
     share, lines = (table.get(name, [None] * (k + 1))[k] for name in ("kept_share", "fringe_lines"))
     picture = table[PICTURE][k] if PICTURE in table else k
     maps: dict[str, Array] = {}
@@ -307,7 +300,6 @@ def _shown(table: Mapping[str, list[Any]], dataset: Kept, k: int) -> Shown:
 
 
 def _numbers(item: Shown) -> str:
-    """What was read of a frame, in a line."""
     parts = []
     if np.isfinite(item.chi):
         parts.append(f"χ = {item.chi:.2f}")
@@ -351,8 +343,7 @@ def write_preview(place: Path, item: ProcessedFrame) -> None:
     picture = Image.new("RGB", (order.shape[1], _STRIP_PX + order.shape[0]), "white")
     words = ", ".join(parts).encode("ascii", "replace").decode()
     ImageDraw.Draw(picture).text((4, 5), words, "black")
-    colours = shades(order / largest, bytes=True)[..., :3]
-    picture.paste(Image.fromarray(colours), (0, _STRIP_PX))
+    picture.paste(Image.fromarray(shades(order / largest, bytes=True)[..., :3]), (0, _STRIP_PX))
     with replacing(place) as beside:
         picture.save(beside, "PNG")
 
@@ -377,11 +368,9 @@ _OF_KNOWN_LOADS = (
 def process_report(
     dataset: Kept, result: Processed, record: Mapping[str, Any]
 ) -> reporting.ReportContent:
-    """What the report says; `dataset`, the set's own; `record`, what provenance.json holds. Maps
-    are read of the few frames that it shows."""
+    """What the report says; `record`, provenance.json. Maps are read of the frames it shows."""
     table = result.columns
-    as_stated = (record.get("options") or {}).get("as_stated", False)
-    result = replace(result, as_stated=as_stated)
+    result = replace(result, as_stated=(record.get("options") or {}).get("as_stated", False))
     fitted = result.scene.has_model and bool(fitted_keys(table))
     tables = []  # what each frame asked for, with its value
     for name, caption in _CAPTIONS.items():
@@ -442,7 +431,7 @@ def _frames(dataset: Kept, result: Processed) -> tuple[list[reporting.ReportFram
 def _report_frames(
     result: Processed, shown: Sequence[Shown], reasons: Sequence[str]
 ) -> list[reporting.ReportFrame]:
-    """Frames with their pictures: one range of orders and of differences for all of them."""
+    """One range of orders and of differences for all of the frames."""
     models = [_model(result, one) for one in shown]
     orders = [one.order[np.isfinite(one.order)] for one in shown if one.order is not None]
     largest = max((float(known.max()) for known in orders if known.size), default=1.0)

@@ -20,7 +20,7 @@ from isochrome.errors import InputError, PhysicsError
 from isochrome.frames import Frame, Linear
 from isochrome.fringes import SHORTEST_PX, OrderReading, Skeleton, number_lines, order_contours
 from isochrome.messages import frame_messages, message, read_frame_messages, warnings_json
-from isochrome.processing.kinds.largest_order import ORDER_FROM, ORDER_SPREAD, largest_from
+from isochrome.processing.kinds.largest_order import AT_LEAST, MODEL, ORDER_FROM, ORDER_SPREAD
 from isochrome.runs import column_values, identifier, open_run
 from isochrome.scene import Scene
 from isochrome.simulation import no_model_sentence
@@ -58,8 +58,8 @@ EXPLAINED = "explained_share"
 
 
 def row_of_set(row: dict[str, Any], columns: Iterable[str], scene: Scene) -> dict[str, Any]:
-    """A frame's row as the set's columns have it: values of no column of theirs are its causes.
-    Those that output.agree with what the scene states of them are refined instead."""
+    """A frame's row as the set's columns have it: values of no column of theirs are its causes, or
+    refined where they agree with what the scene states of them."""
     result = {name: row.get(name) for name in columns}
     if ORDER_FROM in result:
         result[ORDER_FROM] = result[ORDER_FROM] or ""  # texts that are not known are empty
@@ -85,9 +85,7 @@ def cell_values(text: str) -> dict[str, tuple[float, float]]:
 
 
 def corner_of(scene: Scene, shape: tuple[int, int]) -> tuple[float, float]:
-    """Outer edges (mm) of a picture's first column and row; a model's are known without being
-    stated, and without a camera they are 0.
-    """
+    """Outer edges (mm) of a picture's first column and row; without a camera 0."""
     camera = scene.camera
     if scene.has_model and camera is not None and camera.pixel_mm is not None:
         grid = pixel_grid(scene, shape)
@@ -97,11 +95,9 @@ def corner_of(scene: Scene, shape: tuple[int, int]) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class Capture:
-    """How a set was captured: the sensor's `bit_depth`, the `dark` and `bright` no-load frames.
-
-    Where colours tell the order, these are (rows, cols, 3), and `table` has the channels' signals
-    against order; `series`, the frames of known loads; `residual`, the stress to take out of steps.
-    """
+    """How a set was captured: the sensor's `bit_depth`, the no-load frames, (rows, cols, 3) where
+    colours tell the order, and then `table`, the channels' signals against order; `series`, the
+    frames of known loads; `residual`, the stress to take out of steps."""
 
     bit_depth: int | None
     dark: Linear | None = None
@@ -280,8 +276,7 @@ def set_grid(
         return None
     if place.has_model and place.camera is not None and place.camera.pixel_mm is not None:
         return pixel_grid(place, shape)
-    pixel_mm = float(pixels[np.isfinite(pixels)][0])
-    return PixelGrid(*shape, *corner_of(scene, shape), pixel_mm)
+    return PixelGrid(*shape, *corner_of(scene, shape), float(pixels[np.isfinite(pixels)][0]))
 
 
 def shift_of(edge: str, grid: PixelGrid, table: Mapping[str, Sequence[Any]]) -> np.ndarray:
@@ -313,12 +308,9 @@ def tabulate_set(rows: Iterable[dict[str, Any]]) -> dict[str, Any]:
 
 
 def with_scatter_of_gamma(table: dict[str, list[Any]]) -> dict[str, list[Any]]:
-    """Widen the uncertainty of gammas that scatter by more: one camera has one gamma.
-
-    Where chi² = sum ((g - mean)/u)² of n frames is what a chance of 1 % exceeds, of n - 1 degrees
-    of freedom, u becomes the scatter, if that is larger; the frames' `messages` say so. Source:
-    Birge (1932), Phys. Rev. 40, 207, for the test of consistency.
-    """
+    """Widen the uncertainty of gammas that scatter by more: one camera has one gamma. Where chi² =
+    sum ((g - mean)/u)² of n frames is what a chance of 1 % exceeds, of n - 1 degrees of freedom, u
+    becomes the scatter, if larger, which is said. Source: Birge (1932), Phys. Rev. 40, 207."""
     name = f"{_GAMMA} {SPREAD}"
     if _GAMMA not in table:
         return table
@@ -345,12 +337,10 @@ def with_scatter_of_gamma(table: dict[str, list[Any]]) -> dict[str, list[Any]]:
 
 
 def with_past_friction(table: dict[str, list[Any]], scene: Scene) -> dict[str, list[Any]]:
-    """Widen the uncertainty of frictions that were others before, while the block wore.
-
-    Friction shifts the pressure, so the scar remembers the mean of the others over the distance
-    slid: where a frame differs from it, u becomes the shift, if larger. A frame that shows its past
-    friction has it among its causes, and stays as it is. The same object where nothing is wider.
-    """
+    """Widen the uncertainty of frictions that were others before, while the block wore: friction
+    shifts the pressure, so the scar remembers their mean over the distance slid. Where a frame
+    differs from it, u becomes the shift, if larger; one that shows its past friction has it among
+    its causes, and stays. The same object where nothing is wider."""
     name = f"{fitting.FRICTION} {SPREAD}"
     if scene.wear is None or name not in table:
         return table
@@ -367,13 +357,10 @@ def with_past_friction(table: dict[str, list[Any]], scene: Scene) -> dict[str, l
 
 
 def with_past_loads(table: dict[str, list[Any]], scene: Scene) -> dict[str, list[Any]]:
-    """Widen the uncertainty of wear coefficients whose block other loads have worn.
-
-    Of a frame by itself k is off by P'/P - 1, with P' the mean load over the distance slid, before
-    the first frame taken for that of the others; a followed frame knows the loads since its track
-    began. Their scatter does `_OF_PAST_LOADS` of it besides. The same object where nothing is
-    wider.
-    """
+    """Widen the uncertainty of wear coefficients whose block other loads have worn: of a frame by
+    itself k is off by P'/P - 1, with P' the mean load over the distance slid, before the first
+    frame taken for that of the others; a followed frame knows the loads since its track began.
+    Their scatter does `_OF_PAST_LOADS` of it besides. The same object where nothing is wider."""
     name = f"{fitting.WEAR} {SPREAD}"
     if scene.wear is None or name not in table or f"{fitting.LOAD} {SPREAD}" not in table:
         return table
@@ -508,8 +495,12 @@ class Processed(output.FittedResult):
         for name in ("n_max", ORDER_SPREAD, "chi", "kept_share", "fringe_lines"):
             if any(value is not None for value in self.columns.get(name, ())):
                 digits = 2 if name == ORDER_SPREAD else 5
-                source = largest_from(self.columns) if name == "n_max" else ""
-                yield name, output.over_items(self.columns[name], digits=digits) + source
+                text = output.over_items(self.columns[name], digits=digits)
+                if name == "n_max":  # how many are from elsewhere than their frames
+                    counts = Counter(self.columns.get(ORDER_FROM, ()))
+                    words = {MODEL: "of the model", AT_LEAST: AT_LEAST}
+                    text += "".join(f"; {counts[k]} {v}" for k, v in words.items() if counts[k])
+                yield name, text
 
     @property
     def asks_causes(self) -> bool:
@@ -582,12 +573,8 @@ def collect(
     *,
     name: str = "",
 ) -> Processed:
-    """Put the frames' findings together; `frames` is None where they were streamed.
-
-    `more`, what stands beside the rows of the table: each frame's status and messages; `name`, what
-    was read just now. PhysicsError where no order was read in any frame; where none can be, none
-    was normalised.
-    """
+    """Put the frames' findings together; `frames` is None where they were streamed. `more`, what
+    stands beside the table: each frame's status and messages; `name`, what was read just now."""
     if name and not _has_read(scene, table):
         count, code = output.counted(len(table["frame"]), "frame"), fitting.CORRECT
         words = message(code if scene.orders_are_read else "isochrome_check_looks_frames")

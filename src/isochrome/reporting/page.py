@@ -33,9 +33,7 @@ MOST_FRAMES = 8
 
 
 def choose_frames(chi: ArrayLike, order: ArrayLike) -> dict[int, str]:
-    """The frames that a report shows, and why, by chi and largest order, which may be NaN: the
-    first and last, the worst described, the one of largest order, and evenly spaced ones
-    between."""
+    """The frames that a report shows, and why, by chi and largest order, which may be NaN."""
     worst, largest = np.asarray(chi, float), np.asarray(order, float)
     count = len(worst)
     if count <= MOST_FRAMES:
@@ -68,7 +66,6 @@ _LEAST_BYTES = 0.4
 
 _LEVELS = 64
 """Of a picture: more are not told apart on paper."""
-
 
 FRINGES, SIGNAL, GREY_LEVELS = "fringes", "of the full light", "grey levels"
 """Units of what a pane shows."""
@@ -122,8 +119,8 @@ _AS_IT_IS = ("number", "label", "why", "notes", "pixel_mm", "left_mm", "top_mm")
 
 
 def encode_frames(frames: Sequence[ReportFrame], *, room: int = ROOM_BYTES) -> list[dict[str, Any]]:
-    """Of each frame its pictures and orders as the page takes them, in `room` bytes: of each n-th
-    pixel of each n-th row where all would take too much."""
+    """Frames as the page takes them, in `room` bytes: of each n-th pixel of each n-th row where all
+    would take too much."""
     result: list[dict[str, Any]] = []
     for done, frame in enumerate(frames):
         share = (room - sum(map(_size, result))) // (len(frames) - done)
@@ -270,8 +267,7 @@ def fitted_report(
 
 
 def warnings_with_remedies(warnings: Iterable[str]) -> list[dict[str, Any]]:
-    """Group warnings by what they are about, with meaning, cause, remedy, and how many are left
-    out."""
+    """Warnings by what they are about, and how many are left out."""
     groups: dict[str, dict[str, Any]] = {}
     for text in warnings:
         entry = entry_of(text)
@@ -369,12 +365,10 @@ _INCHES = 4.0, 2.3
 _SVG: Any = {"svg.fonttype": "path", "svg.hashsalt": "isochrome", "text.parse_math": False}
 """The same drawing on every machine and each time; a `$` in a name is no formula."""
 
-_UNDATED = dict.fromkeys(("Date", "Creator", "Format", "Type"))
-
 
 def drawn_chart(plot: figures.Plot) -> dict[str, Any] | None:
-    """A plot as the page takes it, or None without two points: numbers, and a drawing as base64 of
-    a picture of its own, as the page's policy forbids its styles."""
+    """A plot as the page takes it, None without two points: numbers, and a drawing as base64 of a
+    picture of its own, as the page's policy forbids its styles."""
     from matplotlib import rc_context
     from matplotlib.backends.backend_svg import FigureCanvasSVG  # `savefig` lays out twice
 
@@ -394,7 +388,7 @@ def drawn_chart(plot: figures.Plot) -> dict[str, Any] | None:
         axes.set(ylabel="", title="")
         axes.set_title("", loc="left")
         canvas: Any = FigureCanvasSVG(figure)
-        canvas.print_svg(content, metadata=_UNDATED)
+        canvas.print_svg(content, metadata=dict.fromkeys(("Date", "Creator", "Format", "Type")))
     rows = zip(*(column.tolist() for column in columns.values()), strict=True)
     return {
         "label": plot.title, "across": across, "names": list(columns),
@@ -416,11 +410,8 @@ def assemble_page(
 
 
 def content_policy(room: str, name: str, *, scripts: Sequence[str], policy: str) -> str:
-    """The policy of a page's content: its one style and script by their hashes.
-
-    `policy` is what else is allowed, such as "img-src data:"; all that is not named is forbidden.
-    Source: W3C (2024), Content Security Policy Level 3, section 2.3.1, for the hashes.
-    """
+    """A page's one style and script by their hashes, and what else a `policy` allows, such as
+    "img-src data:". Source: W3C (2024), Content Security Policy Level 3, section 2.3.1."""
     _, *texts = _page_parts(room, name, tuple(scripts))
     digests = (hashlib.sha256(text.encode()).digest() for text in texts)
     style, script = (f"'sha256-{base64.b64encode(digest).decode()}'" for digest in digests)
@@ -432,7 +423,6 @@ def content_policy(room: str, name: str, *, scripts: Sequence[str], policy: str)
 
 @cache
 def _page_parts(room: str, name: str, scripts: tuple[str, ...]) -> tuple[Template, str, str]:
-    """A page's template, style and script."""
     from jinja2 import Environment, StrictUndefined
 
     files = (f"{name}.html.jinja", f"{name}.css", *scripts)
@@ -463,8 +453,7 @@ def write_report(path: str | Path, content: ReportContent) -> Path:
 
 
 def report_html(content: ReportContent) -> str:
-    """The page of a report, which allows its own style, script and pictures, and asks no
-    address."""
+    """The page of a report, which asks no address."""
     picture = _picture(content.picture, ROOM_BYTES // 2)
     frames = encode_frames(content.frames, room=ROOM_BYTES - len(picture))
     maps = (one[name] for one in frames for name in ("order", "model_order") if one[name])

@@ -98,6 +98,9 @@ TABLE = "sweep.csv"
 ORDER = runs.Layer("fringe_order", "1", "fringe order N", stack=False)
 GREY = runs.Layer("grey", "1", "grey level that the camera stores", stack=False)
 
+DRAWN = {"n_max": "largest fringe order", "p_max_mpa": "largest pressure (MPa)"}
+"""Columns that are drawn, where they are known, and what stands at their axes."""
+
 
 @dataclass(frozen=True, repr=False)
 class Swept(Result):
@@ -159,8 +162,33 @@ class Swept(Result):
         }
 
     def figure(self) -> Figure:
-        """What the points give over the first of the varied keys, see `sweep_figure`."""
-        return sweep_figure(tuple(self.axes), self.columns)
+        """Largest order and pressure of the last state over the first of the varied keys, a line
+        for each value of the others."""
+        import pandas
+
+        keys, table = tuple(self.axes), self.columns
+        rows = pandas.DataFrame(table)
+        last = rows[rows["state"] == rows["state"].max()]
+        lines = list(last.groupby(list(keys[1:]))) if len(keys) > 1 else [((), last)]
+        labels = [
+            ", ".join(f"{key} = {v:g}" for key, v in zip(keys[1:], values, strict=True))
+            for values, _ in lines
+        ]
+
+        def draw(axes: Axes, name: str) -> None:
+            for k, (_, line) in enumerate(lines):
+                look: Any = {"color": LINE_COLOURS[k % 6], "marker": "os^vD*"[k // 6 % 6]}
+                y = numbers(line[name])
+                axes.plot(line[keys[0]], y, lw=LINE_PT, ms=4, label=labels[k] or None, **look)
+            style_axes(axes, x_label=keys[0], z_label=DRAWN[name])
+
+        names = [name for name in DRAWN if np.isfinite(numbers(table[name])).any()]
+        panels = PaperPanels(
+            plots=[Plot(title=DRAWN[name], draw=partial(draw, name=name)) for name in names],
+            legend=labels if 1 < len(lines) <= 12 else (),
+        )
+        count = int(rows["state"].max()) + 1
+        return panels_figure(panels, f"last of {count} states" if count > 1 else "one state")
 
 
 def _simulated(grid: SweepGrid, layout: runs.RunLayout, start: int, stop: int) -> runs.Results:
@@ -280,7 +308,6 @@ def sweep(
 
 
 def _finish(run_folder: runs.RunFolder, job: runs.Job, grid: SweepGrid) -> None:
-    """Make the files that need all points, from what is kept of them in the `run_folder`."""
     # a row for each state of each point: the varied keys, and the columns of history.csv
     table = columns_of(
         grid.point(index)
@@ -316,38 +343,3 @@ def _finish(run_folder: runs.RunFolder, job: runs.Job, grid: SweepGrid) -> None:
     runs.add_columns(
         run_folder.results / runs.STORE, columns, coordinates, runs.attributes(job.identity)
     )
-
-
-DRAWN = {"n_max": "largest fringe order", "p_max_mpa": "largest pressure (MPa)"}
-"""Columns that are drawn, where they are known, and what stands at their axes."""
-
-_MARKERS = "os^vD*"
-
-
-def sweep_figure(keys: tuple[str, ...], table: Mapping[str, list[Any]]) -> Figure:
-    """Largest order and pressure of the last state, a line for each value of the other keys."""
-    import pandas
-
-    rows = pandas.DataFrame(dict(table))
-    last = rows[rows["state"] == rows["state"].max()]
-    lines = list(last.groupby(list(keys[1:]))) if len(keys) > 1 else [((), last)]
-    labels = [
-        ", ".join(f"{key} = {v:g}" for key, v in zip(keys[1:], values, strict=True))
-        for values, _ in lines
-    ]
-
-    def draw(axes: Axes, name: str) -> None:
-        for k, (_, line) in enumerate(lines):
-            look: Any = {"color": LINE_COLOURS[k % 6], "marker": _MARKERS[k // 6 % 6]}
-            y = numbers(line[name])
-            axes.plot(line[keys[0]], y, lw=LINE_PT, ms=4, label=labels[k] or None, **look)
-        style_axes(axes, x_label=keys[0], z_label=DRAWN[name])
-
-    names = [name for name in DRAWN if np.isfinite(numbers(table[name])).any()]
-    panels = PaperPanels(
-        plots=[Plot(title=DRAWN[name], draw=partial(draw, name=name)) for name in names],
-        legend=labels if 1 < len(lines) <= 12 else (),
-    )
-    count = int(rows["state"].max()) + 1
-    head = f"last of {count} states" if count > 1 else "one state"
-    return panels_figure(panels, head)

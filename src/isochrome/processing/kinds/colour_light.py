@@ -103,7 +103,7 @@ class ColourLight(FrameKind):
 
 
 def _in_colour(channels: Sequence[Linear | None]) -> Linear | None:
-    """The light of the channels as one of (rows, cols, 3)."""
+    """As one of (rows, cols, 3)."""
     known = [part for part in channels if part is not None]
     if len(known) < len(channels):
         return None
@@ -132,8 +132,7 @@ def _stacked(
 
 def _warnings(reading: ColourReading) -> Iterator[str]:
     if reading.lost:
-        strange = 100 * reading.strange
-        yield message("colours_pixels_not_table", strange=strange, chi=reading.chi)
+        yield message("colours_pixels_not_table", strange=100 * reading.strange, chi=reading.chi)
     elif reading.chi > POOR_CHI:
         yield message("chi_table_does_not", chi=reading.chi)
     if reading.exposure.factor != 1.0:

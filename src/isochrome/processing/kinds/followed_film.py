@@ -38,7 +38,6 @@ Mask = NDArray[np.bool_]
 Frames = Iterator[tuple[int, list[Frame]]]
 Captured = Callable[[], Frames]
 
-
 NOT_KNOWN = "no_order_known_from"
 READ_ANEW = "orders_read_anew_frame"
 DIFFERING = "specimen_left_out_frames"
@@ -48,7 +47,7 @@ class FilmData:
     """The light of a film's frames, on blocks of pixels: what all passes over it share."""
 
     def __init__(self, first: Frame, scene: Scene, capture: Capture) -> None:
-        """Take the first frame, which says where pixels are trusted. Raises InputError."""
+        """The first frame says where pixels are trusted."""
         self.depth = capture.bit_depth
         self.full = full_scale(capture.bit_depth)
         self.gamma = scene.frames.stated_gamma
@@ -109,9 +108,8 @@ def film_time(frame: Frame, index: int) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class Film(ImageOnly):
-    """A film without a model whose orders are followed in time. What its frames share: `data`,
-    their light on blocks of pixels; the `path` that was followed; `light`, of the frames' size;
-    `notes`, what the first frame says."""
+    """A film without a model whose orders are followed in time. Its frames share `data`, light on
+    blocks; the `path`; `light`, of the frames' size; `notes`, of the first frame."""
 
     data: FilmData | None = field(default=None, repr=False)
     path: fringes.FilmPath | None = field(default=None, repr=False)
@@ -123,7 +121,7 @@ class Film(ImageOnly):
     def shared(
         self, source: FrameSource, count: int, progress: RunProgress | None, *, on_disk: bool
     ) -> FrameKind:
-        """What one pass or two over all frames tell, which is told of where it takes seconds."""
+        """What one pass or two over all frames tell."""
 
         def captured() -> Frames:
             last = monotonic()
@@ -136,8 +134,7 @@ class Film(ImageOnly):
         return self.followed(source, captured, count)
 
     def followed(self, source: FrameSource, captured: Captured, count: int) -> FrameKind:
-        """The film as it is followed through its `count` frames. `captured` gives its frames anew,
-        each with its number. Raises InputError, PhysicsError."""
+        """The film as it is followed; `captured` gives its frames anew, each with its number."""
         raise NotImplementedError
 
     def states(self, source: FrameSource, start: int, stop: int) -> Iterator[ProcessedFrame]:
@@ -154,9 +151,8 @@ class Film(ImageOnly):
             elif not lost:
                 assert state is not None
                 wave = path.light.wave(fringes.joined_pixels(light, data.by))
-                time = film_time(frame, index)
                 state = fringes.follow_frame(
-                    state, wave, data.unclipped(frame), time, noise=path.noise
+                    state, wave, data.unclipped(frame), film_time(frame, index), noise=path.noise
                 )
             assert state is not None
             if index >= start:
@@ -167,7 +163,6 @@ class Film(ImageOnly):
     def _read(
         self, state: fringes.FilmState, frame: Frame, light: Array, scene: Scene
     ) -> ProcessedFrame:
-        """One frame, read where it was followed."""
         data, ends, path = self.data, self.light, self.path
         assert data is not None and ends is not None and path is not None
         valid = data.valid & (frame.image < data.clipped)
@@ -193,7 +188,6 @@ class Film(ImageOnly):
     def _said(
         self, index: int, path: fringes.FilmPath, data: FilmData, known_share: float
     ) -> Iterator[str]:
-        """What to say of a frame."""
         yield from self.notes if index == 0 else ()
         if (span := path.lost_at(index)) is not None:
             start, stop = span
@@ -234,7 +228,7 @@ class UnloadedFilm(Film):
     """A film that begins without load, from whose zero orders it is followed."""
 
     def check(self, scene: Scene) -> None:
-        """Refuse a film that cannot begin without load. Raises InputError."""
+        """Refuse a film that cannot begin without load."""
         name, light = f"{scene.name}: frames.starts_unloaded", scene.polariscope
         if scene.has_model:
             raise InputError("films_without_model_scene", name=name)
@@ -340,7 +334,6 @@ class KeyedFilm(Film):
         return {"key_every": self.key_every}
 
     def _keyed(self, source: FrameSource, captured: Captured, count: int) -> FrameKind:
-        """Followed; PhysicsError where no frame to begin with can be read, or it is no film."""
         scene, capture = source.task.scene, source.capture
         why = None
         for begin, (first, *_) in captured():

@@ -49,16 +49,14 @@ _POOLED_PX = 3.0
 _BEYOND_HALF = fringes.CLEAR**0.5 * fringes.STATED_SPREAD
 """Fringes from a half from which two known orders say one between; half as near, one says it."""
 
-
 _ToldEnds = tuple[fringes.BackgroundModulation, list[str], str, bool]
 
 
 def no_load_light(
     light: Array, sigma: Array, valid: Mask, no_load: tuple[Array, Array], frames: Frames
 ) -> _ToldEnds:
-    """The ends of a frame's linear `light` (rows, cols) by the dark and bright no-load frame.
-    Besides, what to say of them, why no order can be told, and whether the dark end is known as
-    well as it says."""
+    """The ends of a frame's linear `light` (rows, cols) by the no-load frames, what to say of them,
+    why no order can be told, and whether the dark end is known as well as it says."""
     dark, bright = no_load
     alike: _ToldEnds = (fringes.exact_ends(dark, bright), [], "", True)
     if frames.no_load_exposure == "same":
@@ -92,8 +90,7 @@ def says_a_half(orders: Sequence[float]) -> bool:
     if any(abs(order % 1.0 - 0.5) < 0.5 * _BEYOND_HALF for order in orders):
         return True
     least, most = min(orders, default=0.0), max(orders, default=0.0)
-    next_half = np.ceil(least + _BEYOND_HALF - 0.5) + 0.5
-    return bool(most > next_half + _BEYOND_HALF)
+    return bool(most > np.ceil(least + _BEYOND_HALF - 0.5) + 0.5 + _BEYOND_HALF)
 
 
 def _costs(places: Array) -> Array:
@@ -153,12 +150,9 @@ out of the picture, and an order beyond a bright crest may be mirrored about it.
 
 @dataclass(frozen=True, kw_only=True)
 class FrameSignal:
-    """The fringe signal 0..1 (rows, cols), its noise, where it is trusted, and what to say.
-
-    `error`, what the ends and the tone curve leave open of the signal besides the noise;
-    `gamma_check`, what the fringes' contrast (rows, cols) and shape make of a stated gamma: an
-    error more, and words.
-    """
+    """The fringe signal 0..1 (rows, cols), its noise, where it is trusted, and words; `error`,
+    what ends and tone curve leave open besides the noise; `gamma_check`, what the fringes' contrast
+    (rows, cols) and shape make of a stated gamma: an error more, and words."""
 
     signal: Array
     sigma: Array
@@ -180,7 +174,7 @@ class ImageOnly(FrameKind):
     """Columns of a frame's load, where that is read."""
 
     def read(self, frames: Sequence[Frame], scene: Scene, capture: Capture) -> ProcessedFrame:
-        """The order that hangs together with known ones."""
+        """See `read_alone`."""
         return read_alone(frames[0], scene, capture)[0]
 
     def values(self, scene: Scene) -> tuple[str, ...]:
@@ -193,12 +187,9 @@ class ImageOnly(FrameKind):
 def read_alone(
     frame: Frame, scene: Scene, capture: Capture, *, inside: Mask | None = None
 ) -> tuple[ProcessedFrame, fringes.BackgroundModulation | None]:
-    """Normalise a frame without a model, find its fringe skeleton, and read its order.
-
-    The order is read where it hangs together with a place of known order; without one there is no
-    reading. A frame in which no fringe shows (an unloaded specimen) is kept as it is, and says so.
-    Besides, the ends of the frame's light, None without any.
-    """
+    """Normalise a frame without a model, find its fringe skeleton, and read its order where it
+    hangs together with a known one. A frame in which no fringe shows (an unloaded specimen) is kept
+    as it is. Besides, the ends of the frame's light, None without any."""
     linear = to_linear(frame, bit_depth=capture.bit_depth, gamma=scene.frames.first_gamma)
     if inside is not None:
         linear = replace(linear, valid=linear.valid & inside)
@@ -238,8 +229,7 @@ def _beforehand(
     requested: bool = False, inside: Mask | None = None,
 ) -> tuple[FrameSignal | None, list[fringes.Skeleton], str]:  # fmt: skip
     """A frame's signal, None where no fringe is in it, its lines, and why no order is read in it.
-    That is empty where one is, if one is known; `requested`, whether one is tried; `inside`, as in
-    `read_alone`."""
+    `requested`, whether one is tried though none is known."""
     try:
         signal = frame_signal(frame, linear, scene, capture)
     except InputError as error:
@@ -274,7 +264,7 @@ def refused_low(order: Array, capture: Capture) -> str:
 def _light(
     frame: Frame, linear: Linear, scene: Scene, capture: Capture
 ) -> tuple[Array, Array, Mask]:
-    """A frame's light, its noise, and where both and the no-load frames are trusted."""
+    """Besides the noise, where light and no-load frames are trusted."""
     bit_depth = capture.bit_depth
     model = estimate_noise(frame.image, linear.valid, bit_depth=bit_depth)
     sigma = model.linear_sigma(frame.image, bit_depth=bit_depth, gamma=scene.frames.first_gamma)
@@ -323,7 +313,6 @@ def frame_signal(frame: Frame, linear: Linear, scene: Scene, capture: Capture) -
 def _by_ends(
     light: Array, sigma: Array, valid: Mask, ends: fringes.BackgroundModulation
 ) -> tuple[Normalised, FrameSignal]:
-    """A frame's light normalised by the ends and the tone curve that its fringes told."""
     linear = np.maximum(light, 0.0) ** ends.tone
     done = normalise(*(Linear(part, valid) for part in (linear, ends.dark, ends.bright)))
     slope = ends.tone * np.maximum(light, sigma) ** (ends.tone - 1.0)
@@ -385,7 +374,6 @@ def _contradicted(
 
 
 def _read_signal(signal: FrameSignal, scene: Scene) -> tuple[fringes.FreeReading, list[str]]:
-    """The order of one signal, and what its gamma is told by."""
     error, messages = signal.error, list[str]()
     result = fringes.read_free(*wave_of(signal, scene), signal.valid, orders_of(scene), error=error)
     if signal.gamma_check is not None:
@@ -395,7 +383,7 @@ def _read_signal(signal: FrameSignal, scene: Scene) -> tuple[fringes.FreeReading
 
 
 def orders_of(scene: Scene) -> fringes.KnownOrders:
-    """What a `scene` says of the orders in its frames."""
+    """What a scene says of them."""
     stated = scene.frames
     points = [
         fringes.KnownPlaces(((k.row_px, k.col_px),), k.order, extremum=k.extremum)
@@ -475,9 +463,8 @@ class AnchorPreview:
 
 
 def part_change(before: Array, after: Array, under: str, what: str) -> tuple[str, str]:
-    """Say what becomes of the orders (p,) of a part's patches, which is called `under`, by `what`.
-    The kind, 'nothing', 'new', 'moved', 'changed', 'same' or 'lost', and the words; NaN:
-    unknown."""
+    """The kind and words of what becomes of the orders (p,) of a part, called `under`, by `what`:
+    'nothing', 'new', 'moved', 'changed', 'same' or 'lost'; NaN: unknown."""
     if not np.isfinite(after).any():
         if not np.isfinite(before).any():
             return "nothing", message("would_anchor_nothing_stays", what=what, under=under)

@@ -1,8 +1,5 @@
-"""What a kind of processing is, which kind a scene's frames are of, and a set that is read so.
-
-A kind is a class in a module of its own, which is imported when a set is of it: what it needs to
-read frames, such as a follower or a table of colours, waits until then.
-"""
+"""What a kind of processing is: a class in a module of its own, imported when a set is of it, with
+what it needs to read frames, such as a follower or a table of colours."""
 
 from __future__ import annotations
 
@@ -16,14 +13,12 @@ from typing import Any, ClassVar
 import numpy as np
 
 from isochrome.errors import InputError, IsochromeError
-from isochrome.estimation import light_basis
 from isochrome.fitting import frame_distance, frame_scene, scene_at, timed_distance
 from isochrome.frames import Frame, FrameReader, load_no_load, misfits, open_scene_frames
 from isochrome.processing.result import Capture, ProcessedFrame, frame_fields, row_of_set
 from isochrome.progress import RunProgress
-from isochrome.runs import Layer, run_identity, trim_heap
+from isochrome.runs import Layer, run_identity
 from isochrome.scene import ArrayFrames, FramesLike, Scene, dump_scene
-from isochrome.specimens import surface_field_grid
 
 NORMALISED = Layer("normalised", "1", "signal, 0 in darkness and 1 in the brightest field")
 ORDER = Layer("fringe_order", "1", "fringe order N")
@@ -40,12 +35,10 @@ ACCEPTS: Mapping[str, Callable[[Scene], bool]] = {
 }
 """The kinds, as module and class: a scene is of the first that accepts it."""
 
-
 KEY_EVERY = 200
 """Frames from one key frame to the next where none is named. One costs as much as some 200 that a
 contact's model is followed through, or some fifty without a model; and what is done between two is
 lost when a run is killed."""
-
 
 MOST_IN_MEMORY = 8_000_000_000
 """Bytes of maps beyond which a result belongs on the disk."""
@@ -73,8 +66,7 @@ def accepts_keys(scene: Scene) -> bool:
 @dataclass(frozen=True, kw_only=True)
 class FrameKind:
     """How the frames of a set are read; `note`, what the first frame says of that. `as_stated`,
-    whether all that a scene states is held. Its methods say what is the same for most kinds; `read`
-    and `values` are of each."""
+    whether all that a scene states is held. `read` and `values` are of each kind."""
 
     note: str = ""
     as_stated: bool = False
@@ -107,8 +99,7 @@ class FrameKind:
     def shared(
         self, source: FrameSource, count: int, progress: RunProgress | None, *, on_disk: bool
     ) -> FrameKind:
-        """The kind with what the `count` frames of an opened set have in common. `on_disk`, whether
-        maps are written. Raises InputError, PhysicsError."""
+        """The kind with what the `count` frames of an opened set have in common."""
         return self
 
     def held(self, scene: Scene) -> Scene:
@@ -173,8 +164,7 @@ class FrameSource:
         """Open the files besides the frames. Raises InputError."""
         self.task, self.reader = task, task.reader
         self.capture = task.kind.prepare(task.scene, task.reader)
-        channels = task.kind.channels
-        scenes = [task.scene.with_values({"frames.channel": name}) for name in channels]
+        scenes = [task.scene.with_values({"frames.channel": k}) for k in task.kind.channels]
         self._readers = [open_scene_frames(task.frames, scene) for scene in scenes] or [self.reader]
 
     def captured(self, start: int, stop: int) -> Iterator[tuple[int, list[Frame]]]:
@@ -194,8 +184,7 @@ class FrameSource:
             if scene.has_model:
                 label, distance = place_of(scene, first)
                 state = own_scene(scene, first)
-            every = [first, *frames[1:]]
-            result = kind.read(every, state, self.capture)
+            result = kind.read([first, *frames[1:]], state, self.capture)
             if label == first.name:
                 label = result.label  # of several frames, from where to where
             notes = (kind.note,) if index == 0 and kind.note else ()
@@ -205,13 +194,12 @@ class FrameSource:
             if not self.task.keep_going:
                 raise
             nothing = np.full(first.image.shape[:2], np.nan, dtype=np.float32)
-            why = (str(error),)
             return ProcessedFrame(
-                **frame_fields(first), normalised=nothing, warnings=why, failed=True
+                **frame_fields(first), normalised=nothing, warnings=(str(error),), failed=True
             )
 
     def close(self) -> None:
-        """Close the files."""
+        """Close all files."""
         for reader in (*self._readers, self.reader):
             reader.close()
 
@@ -235,14 +223,6 @@ def close_kept() -> None:
     if selected is not None:
         selected.close()
         _KEPT.set = None
-
-
-def release_caches() -> None:
-    """Close what this process has open, and free what its frames shared: all of them are done."""
-    close_kept()
-    light_basis.cache_clear()
-    surface_field_grid.cache_clear()
-    trim_heap()
 
 
 def count_of(task: FrameTask) -> int:

@@ -1,11 +1,7 @@
 """The largest fringe order of a frame: as it was read, or where its pixels are missing, by a model.
+The largest of many noisy ones lies above the truth by less than an uncertainty, as neighbours share
+their noise."""
 
-The largest of many noisy orders lies above the truth by some of their uncertainties: by less than
-one, as neighbours share their noise.
-"""
-
-from collections import Counter
-from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -34,13 +30,6 @@ LARGEST_BY_MODEL = ("n_max", "n_max_x_mm", "n_max_z_mm", "n_max_uncertainty", OR
 PRESSURE = ("p_max_mpa", "p_max_uncertainty_mpa")
 
 
-def largest_from(table: Mapping[str, Sequence[Any]]) -> str:
-    """How many largest orders are from elsewhere than their frames; empty where none is."""
-    result = Counter(table.get(ORDER_FROM, ()))
-    words = {MODEL: "of the model", AT_LEAST: AT_LEAST}
-    return "".join(f"; {result[word]} {text}" for word, text in words.items() if result[word])
-
-
 def order_columns(order: Array, uncertainty: Array) -> dict[str, Any]:
     """Columns of the orders that are known: the largest, its pixel, and the median of their u."""
     known = uncertainty[np.isfinite(order) & np.isfinite(uncertainty)]
@@ -61,8 +50,7 @@ def largest_pixel(order: Array) -> tuple[int, int]:
 
 
 def _beside_unread(order: Array, row: int, col: int) -> bool:
-    """Whether a pixel touches one that is not known, nor are most of its neighbours. A pixel alone
-    amid known ones hides no peak; beyond the picture nothing is wanted."""
+    """Whether a pixel touches one that, as most about it, is not known: one alone hides no peak."""
     top, left = max(row - 2, 0), max(col - 2, 0)
     unread = np.pad(~np.isfinite(order[top : row + 3, left : col + 3]), 1)
     nine = np.lib.stride_tricks.sliding_window_view(unread, (3, 3))
@@ -74,13 +62,11 @@ def _beside_unread(order: Array, row: int, col: int) -> bool:
 def largest_with_model(
     reading: OrderReading, frame: ModelFrame, scene: Scene, fit: FrameFit | None = None
 ) -> tuple[dict[str, Any], tuple[str, ...]]:
-    """Columns of the largest order and its place, and what is said of it.
-
-    The model's, where it exceeds all that was read by more than u; not where it has its largest at
-    a point load or an edge, of which it knows nothing. What the pixels within half a fringe of its
-    peak say of it is in its uncertainty; where they contradict it, or none is read, it says
-    nothing: a load that varies through the thickness has its peak left out as if dust were there.
-    """
+    """Columns of the largest order and its place, and what is said of it: the model's, where it
+    exceeds all that was read by more than u; not at a point load or an edge, of which it knows
+    nothing. What the pixels within half a fringe of its peak say of it is in its uncertainty; where
+    they contradict it, or none is read, it says nothing: a load that varies through the thickness
+    has its peak left out as if dust were there."""
     order, nothing = reading.order, float("nan")
     result: dict[str, Any] = dict.fromkeys(LARGEST_BY_MODEL, nothing) | {ORDER_FROM: None}
     if not np.isfinite(order).any():
@@ -116,12 +102,9 @@ def largest_with_model(
 
 
 def _between(order: Array, row: int, col: int) -> float:
-    """How far an order may rise beside its largest pixel's middle, fringes.
-
-    Equation: -gᵀ H⁻¹ g/2 with the slopes g and curvatures H of the parabola through the pixel and
-    its eight neighbours; beside an edge, half of how far it falls from there.
-    Parameters: `order` (rows, cols), NaN where there is no specimen; `row`, `col` of the largest.
-    """
+    """How far an order (rows, cols) may rise beside its largest pixel's middle, fringes:
+    -gᵀ H⁻¹ g/2 with the slopes g and curvatures H of the parabola through the pixel and its eight
+    neighbours; beside an edge, half of how far it falls from there."""
     a = np.pad(order, 1, constant_values=np.nan)[row : row + 3, col : col + 3].astype(float)
     slope = 0.5 * np.array([a[2, 1] - a[0, 1], a[1, 2] - a[1, 0]])
     across = 0.25 * (a[2, 2] - a[2, 0] - a[0, 2] + a[0, 0])

@@ -64,13 +64,10 @@ _THIN = 4
 
 @dataclass(frozen=True, kw_only=True)
 class TrackedFilm(WithModel):
-    """A contact's video, of which each `every`-th frame is a key frame.
-
-    None: at most each 200th, with stretches between that are alike, for processes to share.
-    `wanted`, the maps that were asked for, and `maps`, of which frames they are written: 'all',
-    those of the 'key' frames, or 'none'; `order_step` (fringes), in which those of all are kept,
-    and `pages`, whether the TIFF stacks have a page for each of them.
-    """
+    """A contact's video, of which each `every`-th frame is a key frame (None: at most each 200th,
+    in stretches that are alike, for processes to share). `wanted`, the maps that were asked for;
+    `maps`, of which frames they are written: 'all', 'key', or 'none'; `order_step` (fringes), in
+    which those of all are kept; `pages`, whether the TIFF stacks have a page for each of them."""
 
     every: int | None = None
     wanted: str | None = None
@@ -128,7 +125,7 @@ class TrackedFilm(WithModel):
         return scene if self.apparatus is None else self.apparatus.stated
 
     def states(self, source: FrameSource, start: int, stop: int) -> Iterator[ProcessedFrame]:
-        """What is read in the frames [start, stop); `start`, a key frame: its chunk suffices."""
+        """From a key frame `start` on: its chunk suffices."""
         assert start % self.key_step == 0
         for index, frames in source.captured(start, stop):
             frame = replace(frames[0], index=index)
@@ -186,11 +183,8 @@ def check_tracked(scene: Scene, shape: tuple[int, int], every: int) -> None:
         raise InputError("cannot_tracked_only_contact", name=scene.name, what=what)
     if scene.polariscope.tells_orders:
         raise InputError("phase_steps_colours_determine", name=scene.name)
-    fitting.Tracker(
-        fitting.placed(fitting.sliding_scene(scene), shape),
-        fitting.free_keys(scene),
-        bit_depth=None,
-    )
+    placed = fitting.placed(fitting.sliding_scene(scene), shape)
+    fitting.Tracker(placed, fitting.free_keys(scene), bit_depth=None)
 
 
 def order_step(scene: Scene, shape: tuple[int, int]) -> float:
@@ -218,7 +212,7 @@ class KeyFrames:
         )  # fmt: skip
 
     def follow(self, frame: Frame) -> ProcessedFrame:
-        """One frame more. Raises InputError, PhysicsError."""
+        """One frame more."""
         label, distance = place_of(self.source.task.scene, frame)
         fields = frame_fields(frame, self.scene) | {"label": label, "distance_m": distance}
         try:
@@ -248,8 +242,8 @@ class KeyFrames:
             return ProcessedFrame(**fields, warnings=(str(error),), failed=True)
 
     def _whole(self, frame: Frame) -> tuple[Scene, fitting.FrameFit] | None:
-        """A frame processed wholly; the track begins where its fit ended, if it told values. What
-        is not tracked, as an unknown gamma or a smooth stress, such a frame alone tells."""
+        """A frame processed wholly. What is not tracked, as an unknown gamma or a smooth stress,
+        it alone tells."""
         if self._alone.index != frame.index:  # as if it were a key frame
             with suppress(PhysicsError):
                 self._alone = self.source.processed(frame.index, [frame])

@@ -31,7 +31,6 @@ from isochrome.scene import Scene
 Explained = Literal["well enough", "not at all", "with a slip"]
 """How far a scene explains a frame; by a slip in it, it is another scene that does."""
 
-
 _NO_ORDER = "model_too_far_off_name"
 
 
@@ -46,8 +45,7 @@ class WithModel(FrameKind):
     """Whether frames may know better than the scene states it."""
 
     def read(self, frames: Sequence[Frame], scene: Scene, capture: Capture) -> ProcessedFrame:
-        """Fit a one-state scene to a frame, and read the order on the branch it names. InputError
-        on a blank frame, PhysicsError where the scene's fringes are not in it."""
+        """Fit a one-state scene to a frame, and read the order on the branch it names."""
         frame, apparatus = frames[0], self.apparatus
         data = _prepared(frame, scene, capture)
         if apparatus is not None:
@@ -103,8 +101,8 @@ def _prepared(frame: Frame, scene: Scene, capture: Capture) -> FrameData:
 def read_frame(
     frame: Frame, data: FrameData, model: fitting.ModelFrame, *, chi: float, positive: bool
 ) -> tuple[OrderReading, float, bool]:
-    """Read a frame's orders on the branches of its model, however that was found. The reading, the
-    noise over the illumination, and whether the model is too far off to name branches."""
+    """A frame's orders on the branches of its model, however that was found, the noise over the
+    illumination, and whether the model is too far off to name branches."""
     noise, lost = _is_lost(data, model, chi=chi, positive=positive)
     reading = read_order(
         data.light, model.picture.order, model.wave, illumination=model.illumination,
@@ -121,9 +119,8 @@ def read_frame(
 def _fitted(
     data: FrameData, scene: Scene, frame: Frame, *, as_stated: bool
 ) -> tuple[FrameData, fitting.FrameFit, Scene, list[str], bool]:
-    """The frame as it was fitted, the fit, the scene that it began with, and what to say. The last
-    is whether a slip in the scene was found: the fit says nothing then. A disc's scene is placed by
-    its rim."""
+    """The frame as it was fitted, the fit, the scene that it began with (a disc's placed by its
+    rim), what to say, and whether a slip in the scene was found: the fit says nothing then."""
     notes: list[str] = []
     if scene.rim_diameter_mm is not None:
         scene, notes = placed_disc(scene, data)
@@ -146,8 +143,7 @@ def _fitted(
 
 def placed_disc(scene: Scene, data: FrameData) -> tuple[Scene, list[str]]:
     """Give the scene the disc's place in a frame by its rim, and the pixel where it has none. Where
-    no rim is found, the scene's own place is taken, and that is said. InputError without a
-    [camera], PhysicsError where there is neither a rim nor a place."""
+    no rim is found, the scene's own place is taken, and that is said."""
     camera, diameter = scene.camera, scene.rim_diameter_mm
     if camera is None:
         raise InputError("camera_missing_picture_needs", name=scene.name)
@@ -172,12 +168,9 @@ def placed_disc(scene: Scene, data: FrameData) -> tuple[Scene, list[str]]:
 
 
 def sharp_rim(data: FrameData, rim: Circle) -> Circle:
-    """A rim drawn more sharply, where the light itself drops there.
-
-    Along each of 360 rays the steepest fall of the light within a tenth of the radius is taken; if
-    these places lie on one circle, to 1 % of its radius, it is the rim. A free rim without residual
-    stress is as dark as the air and shows no such fall: then the circle stays as it was.
-    """
+    """A rim where the light falls most steeply along rays within a tenth of the radius, if these
+    places lie on one circle to 1 % of its radius. A free rim without residual stress is as dark as
+    the air and shows no such fall: then the circle stays as it was."""
     from scipy.ndimage import gaussian_filter, map_coordinates
 
     blurred = gaussian_filter(data.light, max(1.0, 0.004 * rim.radius))
@@ -207,8 +200,7 @@ def _held(data: FrameData, fit: fitting.FrameFit) -> tuple[FrameData, fitting.Mo
 def _is_lost(
     data: FrameData, model: fitting.ModelFrame, *, chi: float, positive: bool
 ) -> tuple[float, bool]:
-    """The noise over the contrast, and whether a model is too far off to say anything. Its values,
-    and the branches that it names, say nothing then."""
+    """The noise over the contrast, and whether a model's values and branches say nothing."""
     noise = model.contrast_noise(data.sigma) if positive else float("nan")
     return noise, not positive or chi * noise > fitting.TOO_FAR
 
@@ -216,8 +208,7 @@ def _is_lost(
 def frame_causes(
     frame: Frame, scene: Scene, capture: Capture
 ) -> tuple[list[str], Explained] | None:
-    """What `process` will say of how a scene explains a frame; None where it shows no fringes.
-    PhysicsError where no values give fringes of the right contrast."""
+    """What `process` will say of how a scene explains a frame; None where it shows no fringes."""
     data = _prepared(frame, scene, capture)
     data, fit, _, notes, has_slip = _fitted(data, scene, frame, as_stated=False)
     if has_slip:
