@@ -11,7 +11,7 @@ Sources: Ajovalasit, Barone & Petrucci (1995), J. Strain Analysis 30, 29; Quirog
 & Gómez-Pedrero (2002), Applied Optics 41, 3461, for the guidance by neighbours.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -27,7 +27,7 @@ from isochrome.fringes.on_branch import (
     OrderReading,
     probability,
 )
-from isochrome.fringes.unknown_light import BLOCKS, FrameExposure, FrameLight, find_frame_light
+from isochrome.fringes.unknown_light import BLOCKS, FrameExposure, find_frame_light
 from isochrome.fringes.windows import (
     DIMMEST,
     LARGEST_CHANGE,
@@ -72,10 +72,8 @@ def _refined(
     for _ in range(MOVES):
         ideal, slope = _look_up(order, table)
         pull = weight * slope
-        information = gaussian_sum((pull * slope).sum(axis=-1), _WINDOW_PX)
-        step = gaussian_sum((pull * (signal - ideal)).sum(axis=-1), _WINDOW_PX) / (
-            information + _LARGEST_STEP**-2
-        )
+        information = gaussian_sum((pull * slope).sum(axis=-1), _WINDOW_PX) + _LARGEST_STEP**-2
+        step = gaussian_sum((pull * (signal - ideal)).sum(axis=-1), _WINDOW_PX) / information
         step = np.clip(step, -_LARGEST_STEP, _LARGEST_STEP)
         order = np.clip(order + step, -table.highest, table.highest)
     return order, step, *_look_up(order, table)
@@ -90,15 +88,13 @@ def _base(choice: Choice, factor: int, shape: tuple[int, int]) -> tuple[Array, M
     middle = ndimage.median_filter(filled, size=5, mode="nearest")
     outliers = known & (np.abs(filled - middle) > LARGEST_CHANGE)
     filled = np.where(outliers, middle, filled)
-    weight = known.astype(float)
     smooth = ndimage.gaussian_filter(filled, _WINDOW_PX / factor, mode="nearest")
-    agreed = known & ~outliers
-    count = np.maximum(gaussian_sum(weight, _WINDOW_PX), 1e-6)
+    count = np.maximum(gaussian_sum(known.astype(float), _WINDOW_PX), 1e-6)
     chi2 = gaussian_sum(np.where(known, choice.misfit, 0.0), _WINDOW_PX) / count
     evidence = gaussian_sum(np.where(known, choice.margin, 0.0), _WINDOW_PX)
     doubt = np.exp(-0.5 * np.clip(evidence / np.maximum(0.5 * chi2, 1.0), 0.0, 200.0))
     inside = np.ix_(*(np.arange(n) // factor for n in shape))
-    return expanded(smooth, shape, factor), agreed[inside], doubt[inside]
+    return expanded(smooth, shape, factor), (known & ~outliers)[inside], doubt[inside]
 
 
 def _look_up(order: Array, table: ColourTable) -> tuple[Array, Array]:
@@ -132,15 +128,12 @@ def _spread(order: Array, weight: Array, slope: Array, table: ColourTable) -> Ar
 
 @lru_cache
 def _kernel(factor: int) -> tuple[float, float]:
-    """Noise of the order over that of one pooling, and the freedom it takes from each pixel.
-
-    What repeated poolings leave of a wave of frequency f is 1 - Π (1 - G_i(f)) of it, G_i the
-    windows' transfer. With h the kernel of that, a residual keeps 1 - 2 h(0) + Σ h² of the noise
-    along dI/dN.
-    """
+    """Noise of the order over that of one pooling, and the freedom it takes from each pixel. What
+    repeated poolings leave of a wave of frequency f is 1 - Π (1 - G_i(f)) of it, G_i the windows'
+    transfer. With h the kernel of that, a residual keeps 1 - 2 h(0) + Σ h² of the noise along
+    dI/dN."""
     f = np.linspace(0.0, 0.5, 257)[:, None]
-    squared = 2.0 * np.pi**2 * (f**2 + f.T**2)
-    last = np.exp(-squared * _WINDOW_PX**2)
+    last = np.exp(-(2.0 * np.pi**2 * (f**2 + f.T**2)) * _WINDOW_PX**2)
     smoothing = 1.0 - last * np.sinc(factor * f) * np.sinc(factor * f.T)
     smoothing = smoothing * (1.0 - last) ** MOVES
     gain = np.sqrt(np.mean((1.0 - smoothing) ** 2) / np.mean(last**2))
@@ -148,9 +141,8 @@ def _kernel(factor: int) -> tuple[float, float]:
 
 
 LOST = 0.04
-"""Share of pixels whose colours are not the table's from which on nothing is read or calibrated:
-frames that the table describes leave 0.6 % at most, or 3 % where loads stand, a wrong spectrum,
-response or gamma 5 % on."""
+"""Share of pixels whose colours are not the table's from which on nothing is read: frames that the
+table describes leave 0.6 %, or 3 % where loads stand, a wrong spectrum or gamma 5 % on."""
 _LARGEST_DOUBT = 0.02
 _LARGEST_RESIDUAL = 0.05
 _UNLIT_PX = 6
@@ -158,10 +150,8 @@ _UNLIT_PX = 6
 
 @dataclass(frozen=True, kw_only=True)
 class ColourReading(OrderReading):
-    """An OrderReading of a colour frame, with what it was read from.
-
-    Without a no-load bright frame all pixels count as lit in `kept`.
-    """
+    """An OrderReading of a colour frame, with what it was read from. Without a no-load bright frame
+    all pixels count as lit in `kept`."""
 
     signal: Array  # without background and illumination, 1 = full light; NaN = not trusted
     chi: float  # residual over noise where it can be read, 1 where table and frame agree
@@ -177,29 +167,27 @@ def read_colour(
     *, sigma: Array | float, dark: Array | None = None, bright: Array | None = None,
     valid: Mask | None = None, specimen: Mask | None = None,
 ) -> ColourReading:  # fmt: skip
-    """Read the absolute order of a linear colour frame (rows, cols, channels) by its table.
-
-    Not known: fewer than two channels trusted; a branch in doubt by over 2 %; over 0.03 fringe of
+    """Read the absolute order of a linear colour frame (rows, cols, channels) by its table. Not
+    known: fewer than two channels trusted; a branch in doubt by over 2 %; over 0.03 fringe of
     noise; light and table apart by over twice the noise and 0.05 of the table; fringes finer than 4
     pixels, or fading to white; beside a jump; without `bright` and `specimen` wide black places,
-    maybe no specimen. Missing no-load frames are found from it. InputError: no contrast.
-    """
+    maybe no specimen. Missing no-load frames are found from it. InputError: no contrast."""
     trusted = np.isfinite(light) if valid is None else valid & np.isfinite(light)
     if specimen is not None:
         trusted = trusted & specimen[..., None]
     noise = np.broadcast_to(np.asarray(sigma, dtype=float), light.shape)
-    shown = find_frame_light(light, table, sigma=noise, dark=dark, bright=bright, valid=trusted)
-    lit = _lit(shown.contrast, trusted)
-    shown = replace(
-        shown, signal=np.where(lit[..., None], shown.signal, np.nan).astype(np.float32),
-        variance=(shown.variance + table.spread**2 + LIGHT_ERROR**2).astype(np.float32),
-    )  # fmt: skip
+    shown, variance, contrast, order_variance, exposure = find_frame_light(
+        light, table, sigma=noise, dark=dark, bright=bright, valid=trusted
+    )
+    lit = _lit(contrast, trusted)
+    shown = np.where(lit[..., None], shown, np.nan).astype(np.float32)
+    variance = (variance + table.spread**2 + LIGHT_ERROR**2).astype(np.float32)
     factor = 2 if trusted[..., 0].size >= BLOCKS else 1
-    choice = choose_orders(*_blocks(shown, factor), table)
-    trusted = np.isfinite(shown.signal)
+    choice = choose_orders(*_blocks(shown, variance, factor), table)
+    trusted = np.isfinite(shown)
     start, agreed, doubt = _base(choice, factor, trusted.shape[:2])
-    weight = np.where(trusted, 1.0 / shown.variance, 0.0).astype(np.float32)
-    signal = np.nan_to_num(shown.signal).astype(np.float32)
+    weight = np.where(trusted, 1.0 / variance, 0.0).astype(np.float32)
+    signal = np.nan_to_num(shown).astype(np.float32)
     order, step, ideal, slope = _refined(start, signal, weight, table)
     # residual over noise, and its root mean square in full lights, about each pixel
     square = np.where(trusted, signal - ideal, 0.0) ** 2
@@ -211,7 +199,7 @@ def read_colour(
     gain, taken = _kernel(factor)
     spread = gain * _spread(order, weight, slope, table) * np.maximum(misfit, 1.0)
     order, noise_off = np.abs(order), np.hypot(spread, step)
-    uncertainty = np.sqrt(noise_off**2 + shown.order_variance)
+    uncertainty = np.sqrt(noise_off**2 + order_variance)
     readable = (count >= 2) & (np.hypot(*np.gradient(order)) < STEEPEST)
     span = max(1.0, float(np.ptp(table.signal)))
     described = (misfit < 2.0) | (residual < _LARGEST_RESIDUAL * span)
@@ -233,27 +221,26 @@ def read_colour(
     return ColourReading(
         order=masked(order, known), uncertainty=masked(uncertainty, known),
         confidence=np.where(known, sure, 0.0).astype(np.float32),
-        kept=float(np.count_nonzero(known) / max(body, 1)), signal=shown.signal,
+        kept=float(np.count_nonzero(known) / max(body, 1)), signal=shown,
         chi=float(np.sqrt(chi2[readable].sum(dtype=float) / max(degrees, 1.0))),
         blind=dark is None or bright is None,
-        noise=float(np.sqrt(np.median(shown.variance[trusted]))) if trusted.any() else float("nan"),
-        strange=strange, lost=lost, exposure=shown.exposure,
+        noise=float(np.sqrt(np.median(variance[trusted]))) if trusted.any() else float("nan"),
+        strange=strange, lost=lost, exposure=exposure,
     )  # fmt: skip
 
 
-def _blocks(shown: FrameLight, factor: int) -> tuple[Array, Array]:
+def _blocks(signal: Array, variance: Array, factor: int) -> tuple[Array, Array]:
     """Means of the signal over blocks of pixels, and their variance."""
     if factor == 1:
-        return shown.signal, shown.variance
-    trusted = np.isfinite(shown.signal)
-    shape = shown.signal.shape[:2]
-    rim = [*((0, -n % factor) for n in shape), (0, 0)]  # whose blocks hold fewer pixels
+        return signal, variance
+    trusted = np.isfinite(signal)
+    rim = [*((0, -n % factor) for n in signal.shape[:2]), (0, 0)]  # whose blocks hold fewer pixels
     share, signal, variance = (
         block_means(np.pad(part, rim), factor)
         for part in (
             trusted.astype(np.float32),
-            np.nan_to_num(shown.signal),
-            np.where(trusted, shown.variance, 0.0),
+            np.nan_to_num(signal),
+            np.where(trusted, variance, 0.0),
         )
     )
     some, pixels = np.maximum(share, factor**-2.0), np.float32(factor**2)

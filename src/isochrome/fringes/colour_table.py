@@ -100,10 +100,8 @@ class ColourTable:
 
 def spectral_table(polariscope: Polariscope, response: Response) -> ColourTable:
     """The table from the spectrum of the light, Σ_s w_cs I(N l0/l_s), and the mean over directions.
-
     It ends where the last contrast is 2 % of full light, at N = 12 at the latest. InputError for a
-    blind channel.
-    """
+    blind channel."""
     order = STEP * np.arange(int(np.ceil(LARGEST_ORDER / STEP)) + 1)
     light = make_light(polariscope, response, highest_order=LARGEST_ORDER)
     chains = [make_chain(polariscope, wavelength_nm=float(w)) for w in light.wavelength_nm]
@@ -122,26 +120,22 @@ def spectral_table(polariscope: Polariscope, response: Response) -> ColourTable:
 def end_of_contrast(table: Array) -> int:
     """Rows of a table up to where its last fringe in any channel has faded."""
     away = np.abs(table - table[-int(1.0 / STEP) :].mean(axis=0)).max(axis=1)
-    visible = np.flatnonzero(away > 0.5 * LOWEST_CONTRAST)
-    return int(min(visible[-1] + 2, len(table)))
+    return int(min(np.flatnonzero(away > 0.5 * LOWEST_CONTRAST)[-1] + 2, len(table)))
 
 
 def measured_table(signal: Array, order: Array) -> ColourTable:
-    """The table, up to the highest order seen, from a normalised image whose order is known.
-
-    Around each order a straight line is fitted to the pixels near it, weighted by a Gaussian in
-    order of 0.02 fringe, so that neither a slope nor uneven sampling shifts it. NaN: not trusted,
-    not known. InputError where the orders have gaps, or do not begin at 0.
-    """
+    """The table, up to the highest order seen, from a normalised image whose order is known. Around
+    each order a straight line is fitted to the pixels near it, weighted by a Gaussian in order of
+    0.02 fringe, so that neither a slope nor uneven sampling shifts it. NaN: not trusted, not known.
+    InputError where the orders have gaps, or do not begin at 0."""
     known = np.isfinite(order) & np.isfinite(signal).all(axis=-1)
     n, s = order[known].astype(float), signal[known].astype(float)
     if len(n) < 100 or n.min() > WIDTH:
         raise InputError("colour_table_needs_pixels")
     cell = np.rint(n / STEP).astype(int)
-    count = cell.max() + 1
     offset = n - STEP * cell
     sums = [
-        np.bincount(cell, weights=w, minlength=count)
+        np.bincount(cell, weights=w, minlength=cell.max() + 1)
         for w in (np.ones_like(n), offset, *s.T, *(s * offset[:, None]).T)
     ]
     number, offsets = sums[:2]
@@ -155,11 +149,9 @@ def measured_table(signal: Array, order: Array) -> ColourTable:
     m1 = summed(number, bell * away) + summed(offsets, bell)
     m2 = summed(number, bell * away**2) + 2.0 * summed(offsets, bell * away)
     if m0.min() < 3.0:
-        where = STEP * int(np.argmin(m0))
-        raise InputError("colour_table_needs_pixels_every", where=where)
-    t0 = summed(plain, bell)
+        raise InputError("colour_table_needs_pixels_every", where=STEP * int(np.argmin(m0)))
     t1 = summed(plain, bell * away) + summed(turned, bell)
-    lines = ((m2 * t0 - m1 * t1) / np.maximum(m0 * m2 - m1**2, 1e-30)).T
+    lines = ((m2 * summed(plain, bell) - m1 * t1) / np.maximum(m0 * m2 - m1**2, 1e-30)).T
     return ColourTable(np.asarray(lines), np.zeros(s.shape[1]))
 
 
@@ -182,11 +174,9 @@ def table_columns(table: ColourTable) -> dict[str, Any]:
 
 def read_table(path: Path) -> ColourTable:
     """Read a colour table, on the steps that it is used with; straight lines lie between its rows.
-
     Columns fringe_order (from 0, fringes), red, green, blue (1 = full light), and if there are any
     red_spread, green_spread, blue_spread, frames' deviation about it. InputError names what is
-    wrong.
-    """
+    wrong."""
     fix = message("make_isochrome_calibrate_colour")
     if path.exists():
         check_given_table(path, "the colour table")
@@ -238,11 +228,9 @@ _BLOCK = 16_384
 
 @dataclass(frozen=True)
 class Choice:
-    """The chosen order (rows, cols), NaN where the pixel has no trusted channel pair.
-
-    `misfit`, its chi²; `margin`, chi² by which the best other candidate, or the white of higher
-    orders, lies above it (negative where the neighbours overruled the pixel).
-    """
+    """The chosen order (rows, cols), NaN where the pixel has no trusted channel pair. `misfit`, its
+    chi²; `margin`, chi² by which the best other candidate, or the white of higher orders, lies
+    above it (negative where the neighbours overruled the pixel)."""
 
     order: Array
     misfit: Array
@@ -251,9 +239,7 @@ class Choice:
 
 def candidate_orders(signal: Array, weight: Array, table: ColourTable) -> tuple[Array, Array]:
     """Minima of chi² = Σ_c w_c (y_c - s_c(N))², their orders and chi² (n, candidates), best first.
-
-    Infinite where there are fewer; weight 0 where a channel is not to be trusted.
-    """
+    Infinite where there are fewer; weight 0 where a channel is not to be trusted."""
     coarse = table.signal[::_EVERY]
     step = STEP * _EVERY
     design = np.concatenate([-2.0 * coarse.T, coarse.T**2]).astype(np.float32)
@@ -263,10 +249,9 @@ def candidate_orders(signal: Array, weight: Array, table: ColourTable) -> tuple[
     cost = np.empty_like(order)
     for start in range(0, len(y), _BLOCK):
         here = slice(start, start + _BLOCK)
-        still = np.sum(w[here] * y[here] ** 2, axis=1)
         chi2 = np.concatenate([w[here] * y[here], w[here]], axis=1) @ design
         order[here], cost[here] = _minima(chi2, step)
-        cost[here] += still[:, None]
+        cost[here] += np.sum(w[here] * y[here] ** 2, axis=1)[:, None]
     return order, np.maximum(cost, 0.0)
 
 
@@ -300,8 +285,7 @@ def choose_orders(signal: Array, variance: Array, table: ColourTable) -> Choice:
     trusted = np.isfinite(signal)
     weight = np.where(trusted, 1.0 / variance, 0.0).reshape(-1, channels)
     known = trusted.sum(axis=-1) >= 2
-    pixels = np.nan_to_num(signal).reshape(-1, channels)
-    candidates = candidate_orders(pixels, weight, table)
+    candidates = candidate_orders(np.nan_to_num(signal).reshape(-1, channels), weight, table)
     order, cost = (part.reshape(rows, cols, CANDIDATES) for part in candidates)
     cost[~known] = 0.0  # says nothing, and passes nothing on
     penalty = np.minimum(cost - cost[..., :1], FARTHEST)
@@ -309,8 +293,7 @@ def choose_orders(signal: Array, variance: Array, table: ColourTable) -> Choice:
     total = penalty.copy()
     for axis in (0, 1):
         n, c, k = (np.ascontiguousarray(np.moveaxis(a, axis, 0)) for a in (order, penalty, known))
-        both = _scan(n, c, k) + _scan(n[::-1], c[::-1], k[::-1])[::-1]
-        total += np.moveaxis(both, 0, axis)
+        total += np.moveaxis(_scan(n, c, k) + _scan(n[::-1], c[::-1], k[::-1])[::-1], 0, axis)
     taken = np.argmin(total, axis=-1)[..., None]
     chosen = np.take_along_axis(order, taken, axis=-1)[..., 0]
     misfit = np.take_along_axis(cost, taken, axis=-1)[..., 0]
@@ -321,9 +304,8 @@ def choose_orders(signal: Array, variance: Array, table: ColourTable) -> Choice:
         away = np.nan_to_num(signal - table.white.astype(np.float32))
         rival = np.minimum(rival, (weight.reshape(signal.shape) * away**2).sum(axis=-1))
     margin = np.minimum(rival - misfit, FARTHEST)
-    return Choice(
-        np.where(known, chosen, np.nan), np.where(known, misfit, np.nan), np.where(known, margin, 0)
-    )
+    chosen, misfit = (np.where(known, part, np.nan) for part in (chosen, misfit))
+    return Choice(chosen, misfit, np.where(known, margin, 0))
 
 
 def _scan(order: Array, penalty: Array, known: Mask) -> Array:
@@ -369,9 +351,7 @@ FOUND_ERROR = 0.03
 @dataclass(frozen=True)
 class BandLight:
     """The bands of red, green and blue: the reference over the centre, width over the centre.
-
-    `mixing` (3, 3), rows of sum 1: what each channel takes from each band.
-    """
+    `mixing` (3, 3), rows of sum 1: what each channel takes from each band."""
 
     ratio: Array
     width: Array
@@ -395,20 +375,16 @@ def band_light(numbers: Array) -> BandLight:
 
 
 def band_table(numbers: Array, *, bright: bool, highest_order: float) -> tuple[ColourTable, Array]:
-    """A light's table, up to where its last contrast fades, and how it changes (orders, 3, 11).
-
-    By the numbers of `band_light`. What a camera cannot show, less than no light, is 0.
-    """
+    """A light's table, up to where its last contrast fades, and how it changes (orders, 3, 11). By
+    the numbers of `band_light`. What a camera cannot show, less than no light, is 0."""
     order = STEP * np.arange(int(np.ceil(highest_order / STEP)) + 1)
     light = band_light(numbers)
     bands = light.bands(order, bright=bright)
     plain = bands @ light.mixing.T
     last = end_of_contrast(plain)
-    table = np.maximum(plain, 0.0)[:last]
     change = np.zeros((last, 3, NUMBERS))
     for i in range(5):
-        step = np.zeros(NUMBERS)
-        step[i] = DIFFERENCE
+        step = DIFFERENCE * np.eye(NUMBERS)[i]
         ahead, behind = (
             band_light(numbers + s).bands(order[:last], bright=bright) for s in (step, -step)
         )
@@ -416,15 +392,13 @@ def band_table(numbers: Array, *, bright: bool, highest_order: float) -> tuple[C
     rows, cols = _OFF_DIAGONAL
     change[:, rows, 5 + np.arange(6)] = bands[:last, cols] - bands[:last, rows]
     change *= (plain[:last] > 0.0)[..., None]
-    return ColourTable(table, np.zeros(3)), change
+    return ColourTable(np.maximum(plain, 0.0)[:last], np.zeros(3)), change
 
 
 def band_scale(order: Array, signal: Array, *, bright: bool = False) -> float:
-    """How much light signals (n, 3) at known orders have over those of a light of three bands.
-
-    Of signals that are known up to one factor: light of any bands is half full on the mean over
-    many orders, so that bands and factor are found together.
-    """
+    """How much light signals (n, 3) at known orders have over those of a light of three bands. Of
+    signals that are known up to one factor: light of any bands is half full on the mean over many
+    orders, so that bands and factor are found together."""
     from scipy.optimize import least_squares
 
     def misfit(unknowns: Array, start: Array) -> Array:

@@ -91,11 +91,9 @@ def fit_order_change(
     gradient: tuple[Array, Array], known: Mask,
 ) -> tuple[Array, float, float] | None:  # fmt: skip
     """Fit the change of a picture's order to the wave cos 2 pi N of the next frame, fringes.
-
     `expected`, the change that went before, over the time to the new frame; `gradient` along rows
     and columns. Also the mean square of what it leaves of the wave, and the largest of any field in
-    it, and of all together, fringes; None where too few orders are known.
-    """
+    it, and of all together, fringes; None where too few orders are known."""
     thin = slice(STRIDE // 2, None, STRIDE)
     use = known[thin, thin]
     if np.count_nonzero(use) < FEWEST:
@@ -129,9 +127,8 @@ def fit_order_change(
     change = single @ basis
     residual, _ = _residual(basis[0] + change, shown, faded)
     parts = np.percentile(np.abs(basis), MOSTLY, axis=1) * np.abs(solution)
-    largest_change = np.percentile(np.abs(change), MOSTLY)
     # tilts of the factor and what the fringes move are judged by their sum alone
-    largest = float(max(largest_change, parts[0], parts[6]))
+    largest = float(max(np.percentile(np.abs(change), MOSTLY), parts[0], parts[6]))
     full_change = np.zeros_like(order)
     for share, shape in zip(single, fields, strict=True):
         full_change += share * shape
@@ -139,11 +136,9 @@ def fit_order_change(
 
 
 def on_flank(slope: Array) -> Array:
-    """How far pixels tell a change of the order, by the slope J of their wave: 0 on a crest.
-
-    Light that is off by an e of the wave stands off from a crest as that of another order does, e/J
-    away. Where the prediction is good to u it counts 1/(1 + (e/(J u))²), with twice the usual e.
-    """
+    """How far pixels tell a change of the order, by the slope J of their wave: 0 on a crest. Light
+    that is off by an e of the wave stands off from a crest as that of another order does, e/J away.
+    Where the prediction is good to u it counts 1/(1 + (e/(J u))²), with twice the usual e."""
     square = slope * slope
     return np.asarray(square / (square + np.float32((2.0 * SYSTEMATIC / _SPREAD) ** 2)))
 
@@ -159,8 +154,7 @@ def faded_fringes(order: Array) -> tuple[Array, Array, tuple[Array, Array]]:
         cv2.Sobel(order, cv2.CV_32F, dx, 1 - dx, ksize=3, scale=0.125) for dx in (0, 1)
     )
     square = along * along + across * across
-    contrast = 1.0 - np.float32(np.pi**2 / 6.0) * square
-    return contrast, square, (along, across)
+    return 1.0 - np.float32(np.pi**2 / 6.0) * square, square, (along, across)
 
 
 def _residual(order: Array, wave: Array, contrast: Array) -> tuple[Array, Array]:
@@ -226,7 +220,14 @@ def follow_frame(
             return lost
         order, known = np.abs(before + change), state.known
         telling = weight * known * (steep < LARGEST_CHANGE**2)
-        order = _corrected(order, wave, contrast, telling, noise)
+        for width in WINDOWS:  # the predicted orders as their neighbourhoods' light corrects them
+            residual, slope = (part * telling for part in _residual(order, wave, contrast))
+            spread = (noise**2 + (2.0 * np.pi * width**2) * SYSTEMATIC**2) / _SPREAD**2
+            pull = slope * on_flank(slope)
+            informed = gaussian_sum(pull * slope, width, reach=REACH) + np.float32(spread)
+            order = np.abs(order + gaussian_sum(pull * residual, width, reach=REACH) / informed)
+        fine = np.float32(_SMOOTHED) * (cv2.GaussianBlur(order, (0, 0), _SMOOTH_PX) - order)
+        order = np.asarray(order + np.where(order > _AT_FIRST, fine, np.float32(0.0)))
     trust = weight * known
     residual = _residual(order, wave, contrast)[0] * trust
     known = (
@@ -241,20 +242,6 @@ def follow_frame(
     change = cv2.GaussianBlur((order - before) * weight, (0, 0), POOLED_PX)
     rate = change / np.float32(apart) if apart else np.zeros_like(change)
     return FilmState(order=order, rate=rate, known=known, time=time)
-
-
-def _corrected(order: Array, wave: Array, contrast: Array, weight: Array, noise: float) -> Array:
-    """The predicted orders as their neighbourhoods' light corrects them."""
-    for width in WINDOWS:
-        residual, slope = (part * weight for part in _residual(order, wave, contrast))
-        flank = on_flank(slope)
-        spread = (noise**2 + (2.0 * np.pi * width**2) * SYSTEMATIC**2) / _SPREAD**2
-        weight_of_slope = slope * flank
-        informed = gaussian_sum(weight_of_slope * slope, width, reach=REACH) + np.float32(spread)
-        step = gaussian_sum(weight_of_slope * residual, width, reach=REACH) / informed
-        order = np.abs(order + step)
-    fine = np.float32(_SMOOTHED) * (cv2.GaussianBlur(order, (0, 0), _SMOOTH_PX) - order)
-    return np.asarray(order + np.where(order > _AT_FIRST, fine, np.float32(0.0)))
 
 
 def _window_mean(values: Array, weight: Array, width_px: float) -> Array:
@@ -282,9 +269,8 @@ def continued(order: Array, known: Mask) -> Array:
         return order
     powers = ((0, 0), (1, 0), (0, 1))
     sums = {(i, j): _moment(weight, i, j)[beyond] for i in range(3) for j in range(3 - i)}
-    matrix = np.array(
-        [[sums[a + c, b + d] for c, d in powers] for a, b in powers], dtype=float
-    ).transpose(2, 0, 1)
+    products = [[sums[a + c, b + d] for c, d in powers] for a, b in powers]
+    matrix = np.array(products, dtype=float).transpose(2, 0, 1)
     matrix[:, 1, 1] += _HELD * sums[0, 0]
     matrix[:, 2, 2] += _HELD * sums[0, 0]
     right = np.stack([_moment(values, i, j)[beyond] for i, j in powers], axis=1).astype(float)
@@ -310,9 +296,8 @@ def regained(order: Array, known: Mask, wave: Array, valid: Mask) -> tuple[Array
         residual, slope = _residual(order, wave, contrast)
         flank = np.abs(np.sin(_TURN * order)) > _FLANK
         move = residual / np.where(flank, slope, np.inf)
-        determined = flank & (
-            np.abs(move) < SURE
-        )  # less than to the crest, beyond which it is alike
+        # less than to the crest, beyond which it is alike
+        determined = flank & (np.abs(move) < SURE)
         new = (near > 2.5) & ~known & valid & (steep < LARGEST_CHANGE**2) & determined  # a plane's
         if not new.any():
             break
@@ -455,13 +440,11 @@ class CrestLight:
         inverse = np.linalg.inv(self._matrix + ridge)
         coefficients = inverse @ self._right
         square = self._square - coefficients @ (2.0 * self._right - self._matrix @ coefficients)
-        variance = max(float(square) / self._count, 1e-12)
         level = np.tensordot(coefficients.astype(np.float32), basis, 1)
-        root = np.linalg.cholesky(inverse * variance * self._alike)
+        root = np.linalg.cholesky(inverse * max(float(square) / self._count, 1e-12) * self._alike)
         squares = (np.tensordot(part.astype(np.float32), basis, 1) ** 2 for part in root.T)
-        spread = np.sqrt(sum(squares))
         level = np.maximum(level, 1e-3)
-        return level, np.asarray(np.hypot(spread / level, LIGHT_ERROR))
+        return level, np.asarray(np.hypot(np.sqrt(sum(squares)) / level, LIGHT_ERROR))
 
 
 _STEPS = 1e-3
@@ -501,10 +484,8 @@ def keep_state(state: FilmState, doubted: int = 0) -> KeptState:
 
 class FilmPath:
     """A film that is followed from its first frame on, in chunks of frames, on blocks of pixels.
-
     `noise`, the wave's deviation; of frames before `begin` nothing is known. `kept`: states of each
-    chunk's first frame, and each key frame; `lost`: [from, to) of which nothing is known.
-    """
+    chunk's first frame, and each key frame; `lost`: [from, to) of which nothing is known."""
 
     def __init__(
         self, start: FilmState, light: FilmLight, *, noise: float, chunk: int, begin: int = 0
@@ -528,16 +509,14 @@ class FilmPath:
 
     def lost_at(self, index: int) -> tuple[int, int] | None:
         """From which frame to which, not included, nothing is known; the first may be read anew."""
-        spans = ((first, behind) for first, behind in self.lost)
-        return next((s for s in spans if s[0] <= index < s[1] or index == s[0]), None)
+        return next(((a, b) for a, b in self.lost if a <= index < b or index == a), None)
 
     def follow(
         self, frames: Iterable[tuple[Frame, Array, Mask, float]],
         key: Callable[[Frame, float], FilmState | None] | None = None, every: int = 1,
     ) -> None:  # fmt: skip
         """Follow the film through its frames: with each its light on blocks, where it is trusted,
-        and its time. `key` reads each `every`-th from nothing, None where it cannot.
-        """
+        and its time. `key` reads each `every`-th from nothing, None where it cannot."""
         for index, (frame, light, valid, time) in enumerate(frames):
             self.count = index + 1
             rise = self.light.rise(light)
@@ -586,8 +565,7 @@ class FilmPath:
                     if place >= self._last_key:
                         self.kept[place] = self.kept[place].doubting(differ)
             order = np.where(new.known, new.order, old.order)
-            known = (old.known | new.known) & ~differ
-            self._state = replace(old, order=order, known=known)
+            self._state = replace(old, order=order, known=(old.known | new.known) & ~differ)
         self._last_key = index
 
 

@@ -56,14 +56,11 @@ def stray_variance(
     residual: Array, slope: Array, even: Array, *, shift: Array | None = None
 ) -> Array:
     """Variance (rows, cols), fringes², of an order by light that was added to the fringes.
-
     `residual`, the light less the model's; `slope` J, its change with the order; `even`, with light
     of the size of the contrast; all over the noise, nought where masked. `shift` was taken out
-    before, by a model of the specimen; without one a bump is the order's own.
-    """
-    residual, slope, even = (
-        np.ascontiguousarray(part, dtype=np.float32) for part in (residual, slope, even)
-    )
+    before, by a model of the specimen; without one a bump is the order's own."""
+    parts = residual, slope, even
+    residual, slope, even = (np.ascontiguousarray(part, dtype=np.float32) for part in parts)
     square, cross, answer = slope * slope, slope * even, slope * residual
     products = {
         "slope": square, "slope even": cross, "even": even * even,
@@ -91,11 +88,9 @@ def stray_variance(
 
 
 class _Blocks:
-    """Means over blocks of the products of slope J, even light o, and light r.
-
-    What shifts s and t leave of o and r is multiplied out, (o - J s)(r - J t) = o r - J o t - J r s
-    + J J s t: shifts of wide windows change little within a block.
-    """
+    """Means over blocks of the products of slope J, even light o, and light r. What shifts s and t
+    leave of o and r is multiplied out, (o - J s)(r - J t) = o r - J o t - J r s + J J s t: shifts
+    of wide windows change little within a block."""
 
     def __init__(self, side: int, means: dict[str, Array]) -> None:
         self._side, self._means = side, means
@@ -178,12 +173,10 @@ def read_order(
     *, illumination: Array, background: Array, sigma: Array, valid: Mask,
 ) -> OrderReading:  # fmt: skip
     """Read the fringe order of each pixel on the branch of a fitted model (NaN off the specimen).
-
     Not known: masked; over 0.03 fringe from the neighbourhood's noise and light that is not the
     fringes'; light and model apart by over a tenth of the contrast and twice the noise; a reading
     that leaves its branch; fringes finer than four pixels. `wave`: the signal about the model's
-    order.
-    """
+    order."""
     material = np.isfinite(model_order)
     model, noise, amplitude = (
         np.ascontiguousarray(part, dtype=np.float32) for part in (model_order, sigma, illumination)
@@ -254,10 +247,8 @@ def _move(information: Array, answer: Array) -> Array:
 
 
 def probability(uncertainty: Array) -> Array:
-    """Probability that an order with a normal error is right to `SURE`: erf(SURE/(√2 u)).
-
-    To 4e-5, from a table: a picture's error functions take a fifth of its reading's time.
-    """
+    """Probability that an order with a normal error is right to `SURE`: erf(SURE/(√2 u)). To 4e-5,
+    from a table: a picture's error functions take a fifth of its reading's time."""
     with np.errstate(divide="ignore", invalid="ignore"):
         far = np.minimum((SURE / 2.0**0.5) / uncertainty, _ONE)
         at = np.rint(far * np.float32(_ERRORS.size / _ONE)).astype(np.int32)
@@ -281,11 +272,9 @@ def less_sure(reading: OrderReading, error: Array, largest: float) -> OrderReadi
 
 
 def widened(reading: OrderReading, error: Array) -> OrderReading:
-    """Widen a reading by errors of the signal that pooling does not average out.
-
-    An error e moves the order by e/(pi sin 2 pi N), pooled as the reading is by sum(w |sin| e)/(pi
-    sum(w sin²)); on a crest, where the sine is nought, by sqrt(e)/pi at most.
-    """
+    """Widen a reading by errors of the signal that pooling does not average out. An error e moves
+    the order by e/(pi sin 2 pi N), pooled as the reading is by sum(w |sin| e)/(pi sum(w sin²)); on
+    a crest, where the sine is nought, by sqrt(e)/pi at most."""
     known = np.isfinite(reading.order)
     sine = np.abs(np.sin(2.0 * np.pi * np.where(known, reading.order, 0.0))) * known
     pull = gaussian_sum(sine * error, POOLED_PX)

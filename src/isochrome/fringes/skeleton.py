@@ -51,10 +51,8 @@ def _sharpened(image: Floats, sigma_px: float) -> Floats:
 
 def line_points(image: Floats, sigma_px: float) -> tuple[Floats, Floats, Floats, Floats]:
     """Strength of the line that passes each pixel of `image` (NaN: not known), its point, level.
-
     Strength: sigma² times the curvature across it, > 0 dark, < 0 bright, 0 where no line passes or
-    the neighbourhood is not known.
-    """
+    the neighbourhood is not known."""
     known = np.isfinite(image)
     if not known.all():
         image = nearest_known(image, known)
@@ -137,12 +135,10 @@ class Skeleton:
 
 
 def skeletons(signal: ArrayLike) -> list[Skeleton]:
-    """Centre lines of dark and bright fringes in a normalised dark field, longest first.
-
-    For the method see the module; fringes closer than about 8 px are lost. Where the order turns
-    back between n and n + 1/2 the image has a crest that is no order line; it is returned too, as
-    no image alone can tell. InputError where it is too small.
-    """
+    """Centre lines of dark and bright fringes in a normalised dark field, longest first. For the
+    method see the module; fringes closer than about 8 px are lost. Where the order turns back
+    between n and n + 1/2 the image has a crest that is no order line; it is returned too, as no
+    image alone can tell. InputError where it is too small."""
     image = np.asarray(signal, dtype=np.float64)
     least = int(4 * _PASSES[0][0])
     if min(image.shape) < least:
@@ -182,11 +178,9 @@ def skeletons(signal: ArrayLike) -> list[Skeleton]:
 def order_contours(
     order: ArrayLike, levels: Iterable[float] | None = None, *, min_length_px: float = 0.0
 ) -> list[Skeleton]:
-    """Lines of a known order map (NaN: not known) at whole (dark) and half (bright) orders.
-
-    N is linear between pixel centres, which puts a line within N''/(8 N') px of its place. `levels`
-    are multiples of 1/2, by default all: N = 0 is touched, not crossed, so it has no line.
-    """
+    """Lines of a known order map (NaN: not known) at whole (dark) and half (bright) orders. N is
+    linear between pixel centres, which puts a line within N''/(8 N') px of its place. `levels` are
+    multiples of 1/2, by default all: N = 0 is touched, not crossed, so it has no line."""
     from skimage.measure import find_contours
 
     field = np.asarray(order, dtype=np.float64)
@@ -232,11 +226,9 @@ _MOST = 0.75
 
 
 def number_lines(lines: Sequence[Skeleton], order: ArrayLike) -> list[Skeleton]:
-    """Give fringe lines the half order k/2 that the reading (NaN: not known) has along them.
-
-    The nearest to the median of N along the line, where N is known on half of its points or more,
-    and within 0.15 fringe of k/2 on three quarters of these; else the order is not known.
-    """
+    """Give fringe lines the half order k/2 that the reading (NaN: not known) has along them. The
+    nearest to the median of N along the line, where N is known on half of its points or more, and
+    within 0.15 fringe of k/2 on three quarters of these; else the order is not known."""
     field = np.asarray(order, dtype=np.float64)
     numbered = []
     for line in lines:

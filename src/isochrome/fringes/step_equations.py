@@ -56,13 +56,10 @@ _ADVICE = {
 
 @dataclass(frozen=True)
 class StepDesign:
-    """The equations of a set of steps.
-
-    `matrix` (steps, 7), over C, A, A cos δ, A (1 - cos δ) cos 4θ, A (1 - cos δ) sin 4θ,
-    A sin δ cos 2θ, A sin δ sin 2θ; `solved`, the columns that the steps tell apart; `inverse`
-    (solved, steps), the least-squares solution; `covariance` (solved, solved) of the solution for
-    unit noise.
-    """
+    """The equations of a set of steps. `matrix` (steps, 7), over C, A, A cos δ, A (1 - cos δ) cos
+    4θ, A (1 - cos δ) sin 4θ, A sin δ cos 2θ, A sin δ sin 2θ; `solved`, the columns that the steps
+    tell apart; `inverse` (solved, steps), the least-squares solution; `covariance` (solved, solved)
+    of the solution for unit noise."""
 
     matrix: Array
     solved: tuple[int, ...]
@@ -92,12 +89,9 @@ class StepDesign:
 
 @dataclass(frozen=True)
 class StepTerms:
-    """The maps (rows, cols) that a set of steps gives, in the light's unit.
-
-    A, A V cos δ, A V sin δ exp 2iθ, and A (1 - V cos δ) exp 4iθ (None where the steps do not give
-    it), with V the contrast that a pixel's area leaves. A is taken with V = 1 where they do not
-    give it.
-    """
+    """The maps (rows, cols) that a set of steps gives, in the light's unit. A, A V cos δ, A V sin δ
+    exp 2iθ, and A (1 - V cos δ) exp 4iθ (None where the steps do not give it), with V the contrast
+    that a pixel's area leaves. A is taken with V = 1 where they do not give it."""
 
     amplitude: Array
     cosine: Array
@@ -106,10 +100,8 @@ class StepTerms:
 
 
 def step_row(chain: Chain) -> list[float]:
-    """The coefficients of one step's light over the seven unknowns of `StepDesign`.
-
-    |w|² = (|β|² + |γ|²)/2 + (|β|² - |γ|²)/2 cos 4θ + Re(β γ*) sin 4θ in the module's I.
-    """
+    """The coefficients of one step's light over the seven unknowns of `StepDesign`. |w|² = (|β|² +
+    |γ|²)/2 + (|β|² - |γ|²)/2 cos 4θ + Re(β γ*) sin 4θ in the module's I."""
     a, b, c = abs(chain.alpha) ** 2, abs(chain.beta) ** 2, abs(chain.gamma) ** 2
     mean = 0.5 * (b + c)
     return [
@@ -125,9 +117,7 @@ def step_row(chain: Chain) -> list[float]:
 
 def make_design(chains: Sequence[Chain]) -> StepDesign:
     """The equations of a set of steps, of the unknowns that they tell apart, and their solution.
-
-    InputError, with the steps to add, where cos δ or sin δ cannot be told.
-    """
+    InputError, with the steps to add, where cos δ or sin δ cannot be told."""
     matrix = np.array([step_row(chain) for chain in chains]).reshape(-1, 7)
     for solved, weakest in (*((columns, _WEAKEST) for columns in _SETS), (_SETS[0], _NOISIEST)):
         part = matrix[:, solved]
@@ -148,11 +138,9 @@ def make_design(chains: Sequence[Chain]) -> StepDesign:
 
 
 def solve_steps(stack: Array, design: StepDesign, direction: Array | None = None) -> StepTerms:
-    """Least squares of every pixel's light over the steps, one product of matrices.
-
-    Where the steps do not tell 4θ or A apart but depend on them a little (misaligned elements), a
-    second pass takes that out, with the first's amplitude and `direction` exp 2iθ, up to its sign.
-    """
+    """Least squares of every pixel's light over the steps, one product of matrices. Where the steps
+    do not tell 4θ or A apart but depend on them a little (misaligned elements), a second pass takes
+    that out, with the first's amplitude and `direction` exp 2iθ, up to its sign."""
     shape = stack.shape[1:]
     light = np.ascontiguousarray(stack).reshape(len(stack), -1)
     inverse = design.inverse.astype(light.dtype)
@@ -198,12 +186,10 @@ class Direction:
 def find_direction(
     terms: StepTerms, design: StepDesign, *, sigma: Array | float, valid: Mask
 ) -> Direction:
-    """The continuous direction of a set of steps, up to 90° over each connected part.
-
-    Each pixel's information on 4θ, times sigma², is E = S²/(4 vS) + Q (A - c)/vQ along exp 4iθ,
-    with S = A sin δ exp 2iθ, Q = A (1 - cos δ) exp 4iθ, c = A cos δ, and vS, vQ their variances for
-    unit noise; the squares' means of noise are taken off.
-    """
+    """The continuous direction of a set of steps, up to 90° over each connected part. Each pixel's
+    information on 4θ, times sigma², is E = S²/(4 vS) + Q (A - c)/vQ along exp 4iθ, with S = A sin δ
+    exp 2iθ, Q = A (1 - cos δ) exp 4iθ, c = A cos δ, and vS, vQ their variances for unit noise; the
+    squares' means of noise are taken off."""
     first, second = design.variance(SINE), design.variance(SINE_SINE)
     spread = 0.5 * (first + second)
     asymmetry = first - second + 2j * design.variance(SINE, SINE_SINE)
@@ -220,12 +206,10 @@ def find_direction(
     wide = pooled(along, WIDE_PX)
     area = 4.0 * np.pi * WINDOW_PX**2
     wide = wide / np.maximum(np.abs(wide), 1e-30) * noise / (area * _WIDE_SPREAD**2)
-    angle = np.angle(narrow + wide)
-    twice = np.exp(0.5j * np.nan_to_num(unwrap(angle, valid)))
+    twice = np.exp(0.5j * np.nan_to_num(unwrap(np.angle(narrow + wide), valid)))
     scatter = 0.25 * np.sqrt(noise / np.maximum(information * area, 1e-30))
     # elements a little off do not average out, nor does what was taken out along the direction
-    off = max(_OFF, design.leak) * terms.amplitude
-    doubt = noise / (4.0 * np.pi * WIDE_PX**2) + np.square(off)
+    doubt = noise / (4.0 * np.pi * WIDE_PX**2) + np.square(max(_OFF, design.leak) * terms.amplitude)
     bridge = 0.25 * np.sqrt(doubt / np.maximum(pooled(size, WIDE_PX), 1e-30))
     # where the direction bends within the window the error grows as its area: it is the difference
     # to one of twice the area, less noise, a sixth of the narrow window's variance; beside an edge
@@ -242,10 +226,8 @@ def find_direction(
 
 def _centred(along: Array, size: Array, window_px: float) -> tuple[Array, Array]:
     """Pooled exp 4iθ, turned from where its information lies to the window's middle, and that.
-
     Fringes put its centre of mass w² ∇J/J beside the middle of a Gaussian window of width w, where
-    4θ is another by its gradient: ψ(0) = ψ - ∇ψ w² ∇J/J.
-    """
+    4θ is another by its gradient: ψ(0) = ψ - ∇ψ w² ∇J/J."""
     narrow, information = pooled(along, window_px), pooled(size, window_px)
     rough = pooled(narrow, _MISFIT_PX)
     square = np.maximum(np.square(np.abs(rough)), 1e-30)
@@ -258,11 +240,9 @@ def _centred(along: Array, size: Array, window_px: float) -> tuple[Array, Array]
 
 
 def unwrap(phase: Array, mask: Mask) -> Array:
-    """Phase (rad) made continuous over the masked-in pixels, fringe quality first; NaN elsewhere.
-
-    A NaN hangs scikit-image's unwrap_phase (Herraez et al. (2002), Applied Optics 41, 7437), so
-    that only finite pixels are passed to it. Parts that do not touch have whole turns of their own.
-    """
+    """Phase (rad) made continuous over the masked-in pixels, fringe quality first; NaN elsewhere. A
+    NaN hangs scikit-image's unwrap_phase (Herraez et al. (2002), Applied Optics 41, 7437), so that
+    only finite pixels are passed to it. Parts that do not touch have whole turns of their own."""
     from skimage.restoration import unwrap_phase
 
     good = mask & np.isfinite(phase)
@@ -354,13 +334,11 @@ def measure_steps(
 
 
 def fill_gaps(light: Array, good: Mask, design: StepDesign) -> tuple[Array, Array]:
-    """Give frames that cannot be trusted in a pixel (nought there) the light that the others ask.
-
-    I = M x there, x the least squares of the others. Also how many times the noise is a whole
+    """Give frames that cannot be trusted in a pixel (nought there) the light that the others ask. I
+    = M x there, x the least squares of the others. Also how many times the noise is a whole
     pixel's, at most of any unknown but the background, and of those that tell the direction (rows,
     cols); NaN where the rest cannot tell the order. Source: Yates (1933), Empire J. Exp. Agric. 1,
-    129.
-    """
+    129."""
     gains = np.where(good.all(axis=0), 1.0, np.nan)[None].repeat(2, axis=0).astype(np.float32)
     wanting = np.isnan(gains[0]) & good.any(axis=0)
     if design.leaks or not wanting.any():
@@ -392,10 +370,8 @@ def fill_gaps(light: Array, good: Mask, design: StepDesign) -> tuple[Array, Arra
 def step_misfit(
     light: Array, design: StepDesign, sigma: Array | float, readable: Mask
 ) -> tuple[Array, float]:
-    """Residual of the light over its noise, pooled about each pixel, and over all of them.
-
-    What no unknowns explain: moved or dirty elements, a wrong gamma. 1, and NaN, where nothing can.
-    """
+    """Residual of the light over its noise, pooled about each pixel, and over all of them. What no
+    unknowns explain: moved or dirty elements, a wrong gamma. 1, and NaN, where nothing can."""
     directions, values, _ = np.linalg.svd(design.matrix)
     rank = int((values > 1e-6).sum())
     free = len(light) - rank

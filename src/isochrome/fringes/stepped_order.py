@@ -82,12 +82,10 @@ def balance(
     *, spread: Array, residual: Array | None = None, compatible: bool = True,
 ) -> Balance | None:  # fmt: skip
     """The whole number m of a part of the field by equilibrium and compatibility, if they tell.
-
     Least Σ |∂²_z (turns e - n₀) + m ∂²_z e|², weighted by the noise and robustly, less the noise's
     own share of the sums, which would draw m to -turns. `turns` φ/2π, signed; `direction` e = exp
     2iθ; `spread`, a pixel's own deviation of 2θ (rad); `residual` n₀; `compatible`, as the
-    module's.
-    """
+    module's."""
     share = block_means(inside.astype(float), _BLOCK)
     load_turns = turns * direction if residual is None else turns * direction - residual
     field, angle, signed, noise = (
@@ -108,9 +106,8 @@ def balance(
         bent, turned = _bending(field, width)[use], _bending(angle, width)[use]
         if not compatible:  # one equation of the two, which has half the noise
             bent, turned, noise_slope = 1j * bent.imag, 1j * turned.imag, 0.5 * noise_slope
-        solution = _solve(
-            bent, turned, signed[use], noise_slope, places if compatible else 0.5 * places
-        )
+            places = 0.5 * places
+        solution = _solve(bent, turned, signed[use], noise_slope, places)
         if solution is not None:
             return solution
     return None
@@ -162,12 +159,10 @@ def settle(
     *, known_order: Sequence[KnownOrder] = (), model: Callable[[], Array] | None = None,
     residual: Array | None = None, compatible: bool = True,
 ) -> tuple[Array, tuple[FieldPart, ...], tuple[str, ...]]:  # fmt: skip
-    """The whole number m of each part, so that N = |turns + m|; NaN where it is open.
-
-    `turns` φ/2π, unwrapped; `known`, where it and the continuous direction are; `known_order`,
-    (row, col, N) each; `model` gives a model's order where nothing else tells; for `residual` n and
-    `compatible` see `balance`. Then the parts that are not too small, largest first, and warnings.
-    """
+    """The whole number m of each part, so that N = |turns + m|; NaN where it is open. `turns` φ/2π,
+    unwrapped; `known`, where it and the continuous direction are; `known_order`, (row, col, N)
+    each; `model` gives a model's order where nothing else tells; for `residual` n and `compatible`
+    see `balance`. Then the parts that are not too small, largest first, and warnings."""
     # the noise of 2θ if it were independent from pixel to pixel (rad)
     spread = 2.0 * np.minimum(direction.scatter, 0.5) * np.sqrt(4.0 * np.pi) * WINDOW_PX
     labels, count = ndimage.label(known)
@@ -237,17 +232,14 @@ def _from_seeds(
         return None, [message("frames_known_order_leaves_two")]
     number = balanced if len(best) > 1 else int(best[0])
     if balanced is not None and balanced != number:
-        return number, [
-            message("frames_known_order_equilibrium_field", number=abs(balanced - (number or 0)))
-        ]
+        apart = abs(balanced - (number or 0))
+        return number, [message("frames_known_order_equilibrium_field", number=apart)]
     return number, []
 
 
 def _from_model(turns: Array, inside: Mask, model: Array) -> int | None:
-    """The number under which the order is nearest to a model's, low orders before high ones.
-
-    None where the model does not single one out: a wrong load shifts high orders by whole ones.
-    """
+    """The number under which the order is nearest to a model's, low orders before high ones. None
+    where the model does not single one out: a wrong load shifts high orders by whole ones."""
     both = inside & np.isfinite(model)
     if np.count_nonzero(both) < 0.5 * np.count_nonzero(inside):
         return None
@@ -410,11 +402,9 @@ def read_steps(
     model: Callable[[], Array] | None = None, residual: ResidualStress | None = None,
 ) -> SteppedReading:  # fmt: skip
     """Read order and isoclinic angle of one state from the images (steps, rows, cols) of its steps.
-
     Not known: masked, low contrast, noise over 0.03 fringe, fringes finer than 3 pixels, a part's
     whole number open, or the residual not known. `known_order` (row, col, N) and `model`, called
-    where nothing else tells, are orders that the frames show, residual stress and all.
-    """
+    where nothing else tells, are orders that the frames show, residual stress and all."""
     light = measure_steps(stack, chains, sigma=sigma, valid=valid)
     unloaded = None if residual is None else residual.field
     shown, parts, warnings = settle_field(
@@ -468,15 +458,12 @@ def _of_load(
     depth = ndimage.distance_transform_edt(np.pad(known, 1))[1:-1, 1:-1]
     along = light.uncertainty
     for window in windows_px:
-        narrow, wide = (
-            ndimage.gaussian_filter(filled, w * window, truncate=3.0) for w in (1.0, 2**0.5)
-        )
-        smooth = 2.0 * narrow - wide
+        narrow = ndimage.gaussian_filter(filled, window, truncate=3.0)
+        smooth = 2.0 * narrow - ndimage.gaussian_filter(filled, 2**0.5 * window, truncate=3.0)
         rows, cols = np.gradient(np.abs(smooth))
         use = known & (depth > 4.5 * window) & (np.hypot(rows, cols) * window < _SMOOTH)
-        gain = np.sqrt(0.458 / np.pi) / window
         field = np.where(use, smooth, field)
-        along = np.where(use, gain * light.uncertainty, along)
+        along = np.where(use, np.sqrt(0.458 / np.pi) / window * light.uncertainty, along)
     # what smoothing n takes of the direction's noise, which is pooled already, by both kernels
     ratio = (SMOOTHED_PX / WINDOW_PX) ** 2
     smoothed_off = 1.0 - 4.0 / (1.0 + ratio) + 4.0 / (1.0 + 1.5 * ratio) - 1.0 / (1.0 + 2.0 * ratio)

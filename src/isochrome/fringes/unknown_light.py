@@ -89,12 +89,10 @@ class ColourShots:
 
 @dataclass(frozen=True, kw_only=True)
 class Unknowns:
-    """The unknowns of frames, what is `expected` of them, and where to `start`.
-
-    In order: the light's numbers; log gamma; each frame's log brightness; what no no-load frame
-    gives of the channels' backgrounds and of the `surface` terms (6, rows, cols). `hold`, the
-    normal equations of what is expected but of the brightness; the `table` where it is known.
-    """
+    """The unknowns of frames, what is `expected` of them, and where to `start`. In order: the
+    light's numbers; log gamma; each frame's log brightness; what no no-load frame gives of the
+    channels' backgrounds and of the `surface` terms (6, rows, cols). `hold`, the normal equations
+    of what is expected but of the brightness; the `table` where it is known."""
 
     shots: ColourShots
     surface: Array
@@ -112,10 +110,8 @@ class Unknowns:
 
     def hold_of(self, theta: Array | None = None) -> Array:
         """The normal equations of what is expected, by reweighting at `theta`, or of any exposure.
-
-        Most cameras keep their exposure, and a few do not: each frame's log brightness b is
-        expected to be 0 with the weight 1/(s² + b²), of a Cauchy distribution of the width s.
-        """
+        Most cameras keep theirs, and a few do not: each frame's log brightness b is expected to be
+        0 with the weight 1/(s² + b²), of a Cauchy distribution of the width s."""
         off = EXPOSED if theta is None else np.hypot(ALIKE, theta[self.frames])
         hold = self.hold.copy()
         hold[self.frames, self.frames] += np.eye(len(self.shots.raw)) * np.square(off) ** -1.0
@@ -211,9 +207,8 @@ def in_blocks(shots: ColourShots, blocks: int) -> ColourShots:
         np.stack([means(*pair) for pair in zip(part, shots.valid, strict=True)])
         for part in (shots.raw, shots.noise)
     )
-    dark, bright = (
-        None if end is None else means(end, np.isfinite(end)) for end in (shots.dark, shots.bright)
-    )
+    ends = shots.dark, shots.bright
+    dark, bright = (None if end is None else means(end, np.isfinite(end)) for end in ends)
     end_noise = shots.end_noise[0] / by, shots.end_noise[1] / by
     return ColourShots(raw, noise / by, np.stack(valid), dark, bright, end_noise)
 
@@ -267,11 +262,9 @@ def unknowns(
 
 
 def _brightness(light: Array, shots: ColourShots, gamma: float) -> tuple[Array, int]:
-    """Log of each frame's brightness (frames,) by its brightest places, and the brightest one.
-
-    Over that of the no-load frame where there is one, else over the brightest frame's: frames of a
-    fringe or more reach nearly full light all alike. A far darker one shows low orders.
-    """
+    """Log of each frame's brightness (frames,) by its brightest places, and the brightest one. Over
+    that of the no-load frame where there is one, else over the brightest frame's: frames of a
+    fringe or more reach nearly full light all alike. A far darker one shows low orders."""
     top = np.nanpercentile(np.nansum(light, axis=-1), 99.0, axis=(1, 2))
     full = top.max()
     if shots.bright is not None:
@@ -340,28 +333,12 @@ class FrameExposure:
 
 
 @dataclass(frozen=True, kw_only=True)
-class FrameLight:
-    """One frame in a light whose table is known, (rows, cols, 3): `signal`, NaN = not usable.
-
-    `order_variance` (rows, cols), fringes², that the light's uncertainty gives to the order.
-    """
-
-    signal: Array
-    variance: Array
-    contrast: Array
-    order_variance: Array
-    exposure: FrameExposure
-
-
-@dataclass(frozen=True, kw_only=True)
 class _State:
-    """The frames as some unknowns `theta` show them, by the `table` and the `relief` of these.
-
-    Of a sample of all frames' pixels their numbers in the frame, the equations of `correction`, the
-    rows of the table that they are nearest to, and `away`, their signals less the table's. Of all
-    pixels `square`, mean square of that, and the chi² `misfit`; `torn`, share of them beside a
-    jump; `cost`, -2 ln of the likelihood; `relief_sums` for `added_relief`.
-    """
+    """The frames as some unknowns `theta` show them, by the `table` and the `relief` of these. Of a
+    sample of all frames' pixels their numbers in the frame, the equations of `correction`, the rows
+    of the table that they are nearest to, and `away`, their signals less the table's. Of all pixels
+    `square`, mean square of that, and the chi² `misfit`; `torn`, share of them beside a jump;
+    `cost`, -2 ln of the likelihood; `relief_sums` for `added_relief`."""
 
     theta: Array
     table: ColourTable
@@ -390,9 +367,8 @@ class _State:
         weight = 1.0 / (1.0 + (size / (9.0 * usual)) ** 2)
         normal = np.einsum("p,pcn,pcm->nm", weight, flat, flat, optimize=True) + share * hold
         right = np.einsum("p,pcn,pc->n", weight, flat, residual) + share * hold @ back
-        scale = max(1.0, usual / np.log(4.0))  # the median of chi² with two degrees of freedom
-        inverse = np.linalg.inv(normal)
-        return inverse @ right, share * scale * inverse
+        inverse = np.linalg.inv(normal)  # below, the median of chi² with two degrees of freedom
+        return inverse @ right, share * max(1.0, usual / np.log(4.0)) * inverse
 
 
 def find_light(
@@ -400,9 +376,7 @@ def find_light(
     *, gamma: float | None = None, bright_field: bool = False, highest_order: float = 3.5,
 ) -> OwnLight:  # fmt: skip
     """Find a light from the colours of frames in it, of any specimens; `gamma` is found where None.
-
-    InputError where no fringes are seen or no colours recognised.
-    """
+    InputError where no fringes are seen or no colours recognised."""
     small = in_blocks(shots, BLOCKS)
     searches = [
         unknowns(
@@ -420,10 +394,8 @@ def find_light(
         cv2.resize(np.ascontiguousarray(end), size[::-1], interpolation=cv2.INTER_LINEAR)
         for end in (background, illumination * best.relief[..., None])
     )
-    # each pixel's own order has taken one of its three signals
-    spread = np.sqrt(3.0 / 2.0 * np.mean(best.away**2, axis=0))
-    return OwnLight(
-        table=replace(best.table, spread=spread),
+    return OwnLight(  # each pixel's own order has taken one of its three signals
+        table=replace(best.table, spread=np.sqrt(3.0 / 2.0 * np.mean(best.away**2, axis=0))),
         gamma=fitted, gamma_uncertainty=fitted * float(np.sqrt(covariance[_GAMMA, _GAMMA])),
         numbers=best.theta[:NUMBERS], brightness=np.exp(best.theta[known.frames]),
         background=background, illumination=illumination,
@@ -436,11 +408,11 @@ def find_light(
 def find_frame_light(
     light: Array, table: ColourTable,
     *, sigma: Array, dark: Array | None, bright: Array | None, valid: Mask,
-) -> FrameLight:  # fmt: skip
+) -> tuple[Array, Array, Array, Array, FrameExposure]:  # fmt: skip
     """Find what no-load frames do not say of a loaded frame's light: all of it, or its exposure.
-
-    InputError where nothing has contrast, or no colour is the table's.
-    """
+    Signal (rows, cols, 3), NaN = not usable, its variance and contrast; the variance (rows, cols),
+    fringes², that the light's uncertainty gives to the order. InputError where nothing has
+    contrast, or no colour is the table's."""
     of_dark, of_bright = (0.0 if end is None else _noise(end, valid) for end in (dark, bright))
     shots = ColourShots(light[None], sigma[None], valid[None], dark, bright, (of_dark, of_bright))
     known = unknowns(in_blocks(shots, FRAME_BLOCKS), table, 1.0, fixed=True)
@@ -459,10 +431,7 @@ def find_frame_light(
         exposure = FrameExposure(float(np.exp(theta[_FRAMES])), spread)
     complete = replace(known, shots=shots, surface=channel_light(*shape))
     signal, _, noise, _ = complete.shown(theta, 0)
-    return FrameLight(
-        signal=signal, variance=noise, order_variance=variance, exposure=exposure,
-        contrast=np.exp(theta[_FRAMES]) * complete.ends(theta)[1],
-    )  # fmt: skip
+    return signal, noise, np.exp(theta[_FRAMES]) * complete.ends(theta)[1], variance, exposure
 
 
 def _order_variance(state: _State, covariance: Array, shape: tuple[int, ...]) -> Array:
@@ -506,9 +475,7 @@ def _search(
     known: Unknowns, brightness: float | None = None, rounds: int = ROUNDS
 ) -> tuple[_State, float]:
     """Look orders up and correct the unknowns, in turn; from a log brightness where ends are known.
-
-    To where that rests, and the table's last change, 1 where it led away from there.
-    """
+    To where that rests, and the table's last change, 1 where it led away from there."""
     theta, least = known.start.copy(), _LEAST_DOUBT[known.table is None]
     doubt = STRANGE
     if brightness is not None:
@@ -544,10 +511,9 @@ def added_bend(state: _State, length: int) -> Array:
     clipped = np.clip(state.away, -STRANGE, STRANGE).T
     sums = [np.bincount(place, weights=w, minlength=size) for w in (np.ones(len(place)), *clipped)]
     count, *total = gaussian_filter1d(np.array(sums), width, axis=1, mode="constant")
-    mean = (np.array(total) / (count + 1.0)).T
     added = np.zeros((length, 3))
     smooth = gaussian_filter1d(table.slope, 0.5 * width, axis=0)
-    added[:size] = _across(mean, smooth, _LEAST_SLOPE)
+    added[:size] = _across((np.array(total) / (count + 1.0)).T, smooth, _LEAST_SLOPE)
     return added
 
 
@@ -562,11 +528,9 @@ def _state(known: Unknowns, theta: Array, bend: Array, relief: Array, doubt: flo
     """Look all frames' orders up; `doubt` is how far signals are taken to be off, of full light."""
     table, frames = known.table, len(known.shots.raw)
     if table is None:
-        bands, change = band_table(
-            theta[:NUMBERS], bright=known.bright_field, highest_order=known.highest_order
-        )
-        bent = np.maximum(bands.signal + bend[: len(bands.signal)], 0.0)
-        table = replace(bands, signal=bent)
+        bright, highest = known.bright_field, known.highest_order
+        bands, change = band_table(theta[:NUMBERS], bright=bright, highest_order=highest)
+        table = replace(bands, signal=np.maximum(bands.signal + bend[: len(bands.signal)], 0.0))
     else:  # no number of the light changes it
         change = np.zeros((*table.signal.shape, NUMBERS))
     looks: dict[str, list[Array]] = defaultdict(list)

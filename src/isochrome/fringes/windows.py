@@ -35,9 +35,8 @@ def gaussian(
     image: Array, width_px: float, order: tuple[int, int] = (0, 0), *, reach: float = 4.0
 ) -> Array:
     """What scipy's `gaussian_filter` gives of an image (rows, cols), in a third of the time.
-
-    `order`, of the derivative along rows and columns, 2 at most; `reach`, in standard deviations.
-    """
+    `order`, of the derivative along rows and columns, 2 at most; `reach`, in standard
+    deviations."""
     down, across = (_gaussian_kernel(float(width_px), k, reach) for k in order)
     return np.asarray(cv2.sepFilter2D(image, -1, across, down, borderType=cv2.BORDER_REFLECT))
 
@@ -55,11 +54,9 @@ def _gaussian_kernel(width_px: float, order: int, reach: float) -> Array:
 def gaussian_sum(
     values: Array, width_px: float, *, reach: float = 4.0, factor: float = 1.0
 ) -> Array:
-    """Sum over a Gaussian window of height 1, of values nought where masked, times `factor`.
-
-    It extends `reach` of its deviation `width_px`. The square of such a window is one of width/√2:
-    it gives the variance of a pooled sum.
-    """
+    """Sum over a Gaussian window of height 1, of values nought where masked, times `factor`. It
+    extends `reach` of its deviation `width_px`. The square of such a window is one of width/√2: it
+    gives the variance of a pooled sum."""
     height = np.sqrt(2.0 * np.pi) * width_px
     weights = np.asarray(height * _gaussian_kernel(width_px, 0, reach), np.float32)
     single = np.ascontiguousarray(values, dtype=np.float32)
@@ -77,10 +74,8 @@ class Windows:
         self._halved: list[Array] = [np.ascontiguousarray(values, dtype=np.float32)]
 
     def sum(self, width_px: float) -> Array:
-        """Sum over a window of height 1 and deviation `width_px`, (rows, cols), float32.
-
-        Of that is taken off what blocks, and the way back from them, widen it by.
-        """
+        """Sum over a window of height 1 and deviation `width_px`, (rows, cols), float32. Of that is
+        taken off what blocks, and the way back from them, widen it by."""
         shape = self._halved[0].shape
         share = width_px / (self._side * _COARSE)
         times = int(np.log2(max(1.0, min(share, *(n / 4 for n in shape)))))

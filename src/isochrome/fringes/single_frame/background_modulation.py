@@ -63,11 +63,9 @@ def binned_light(
     shape: tuple[int, ...], by: int, *, uneven: float = 0.1, spots: float = 0.0
 ) -> SmoothImages:
     """What the light of a frame that is read without a model is a sum of, at its binned pixels.
-
     Powers of the place, -1 to 1 over the frame, of the prior deviation `uneven` over the contrast;
     with `spots` cosines of a Gaussian process of covariance exp(-d²/2l²) by its spectral density
-    (Solin & Sarkka (2020), Stat. Comput. 30, 419).
-    """
+    (Solin & Sarkka (2020), Stat. Comput. 30, 419)."""
     y, x = (2.0 * (by * np.arange(n // by) + 0.5 * (by - 1)) / max(n - 1, 1) - 1.0 for n in shape)
     pairs = [*total_degree(DEGREE)]
     spread = [np.inf, *[uneven] * (len(pairs) - 1)]
@@ -122,10 +120,8 @@ def bright_lines(light: Array, sigma: Array, valid: Mask) -> Array:
 
 def surface_through(crests: Array, shapes: Array, spread: Array, contrast: float) -> Array:
     """Terms of the bright end that lies on bright lines, as if each of them were a crest.
-
     Iteratively reweighted: what lies far below the surface is no crest (Cauchy's weights). `crests`
-    (rows, cols), NaN elsewhere; `shapes` (rows, cols, terms), `spread`, their prior deviations.
-    """
+    (rows, cols), NaN elsewhere; `shapes` (rows, cols, terms), `spread`, their prior deviations."""
     on_line = np.isfinite(crests)
     near = _NEAR * contrast
 
@@ -143,8 +139,7 @@ def _reweighted(
     weight = weights(np.zeros(len(values)))
     for _ in range(_ROUNDS):
         weighted = rows * weight[:, None]
-        normal = weighted.T @ rows + np.diag(spread**-2.0)
-        terms = np.linalg.solve(normal, weighted.T @ values)
+        terms = np.linalg.solve(weighted.T @ rows + np.diag(spread**-2.0), weighted.T @ values)
         weight = weights(values - rows @ terms)
     return np.asarray(terms)
 
@@ -168,12 +163,10 @@ _NEAR_END = 1.1
 
 @dataclass(frozen=True, kw_only=True)
 class BackgroundModulation:
-    """Light of the dark and the bright end (rows, cols), and how well they are known.
-
-    D `dark`, B `bright` and the exponent g `tone` of the module. `settled`: the search came to
-    rest; `given`: which ends no-load frames gave; `variance` (3, 3, rows, cols) of D, B and g;
-    `others` explain the frame about as well, under which its orders may be others.
-    """
+    """Light of the dark and the bright end (rows, cols), and how well they are known. D `dark`, B
+    `bright` and the exponent g `tone` of the module. `settled`: the search came to rest; `given`:
+    which ends no-load frames gave; `variance` (3, 3, rows, cols) of D, B and g; `others` explain
+    the frame about as well, under which its orders may be others."""
 
     dark: Array = field(repr=False)
     bright: Array = field(repr=False)
@@ -210,12 +203,10 @@ def fit_background_modulation(
     light: Array, sigma: Array, valid: Mask,
     *, dark: Array | None = None, bright: Array | None = None, tone: bool = False,
 ) -> BackgroundModulation:  # fmt: skip
-    """Find the dark and bright ends of a frame in which both occur.
-
-    `light`, linear but for an exponent where `tone` asks for it; `dark`, `bright`: ends that
-    no-load frames give, of the same linearity. InputError where the frame has no contrast, or no
-    fringe that can be followed, or where its fringes leave ends or exponent open.
-    """
+    """Find the dark and bright ends of a frame in which both occur. `light`, linear but for an
+    exponent where `tone` asks for it; `dark`, `bright`: ends that no-load frames give, of the same
+    linearity. InputError where the frame has no contrast, or no fringe that can be followed, or
+    where its fringes leave ends or exponent open."""
     problem, starts = _problem(light, sigma, valid, (dark, bright), tone)
     results = _searched(problem, starts)
     if not tone:
@@ -224,10 +215,9 @@ def fit_background_modulation(
     result = as_doubtful(results)
     # a bin's mean is that of the light only where the light is linear: once more, nearly so
     first = _told_tone(float(result.unknowns[-1]))
-    linear = np.maximum(light, _BLACK) ** first
     noise = first * np.maximum(light, sigma) ** (first - 1.0) * sigma
     low, high = (None if end is None else end**first for end in (dark, bright))
-    problem, _ = _problem(linear, noise, valid, (low, high), True)
+    problem, _ = _problem(np.maximum(light, _BLACK) ** first, noise, valid, (low, high), True)
     again = as_doubtful(_searched(problem, [np.append(result.unknowns[:-1], 1.0)]))
     done = _as_images(light.shape, low, high, again)
     per_tone = np.array([1.0, 1.0, first])[:, None, None]
@@ -239,10 +229,9 @@ def fit_background_modulation(
 
 def _searched(problem: EndProblem, starts: list[Array]) -> list[Found]:
     """The results that the frame does not exclude, of a lamp of spots and bars and of an even one.
-
     The richer light comes first: where an even lamp's search rests in a frame of spots, patches lie
-    on the wrong sides of crests. An even lamp is searched from there, as uncertain as slight spots.
-    """
+    on the wrong sides of crests. An even lamp is searched from there, as uncertain as slight
+    spots."""
     spotted = search_all(problem, starts)
     dark, lamp = problem.shapes
     if not isinstance(lamp, SmoothImages):
@@ -288,11 +277,9 @@ def _told_tone(tone: float) -> float:
 def gamma_misfit(
     light: Array, sigma: Array, valid: Mask, ends: tuple[Array, Array]
 ) -> tuple[float, float]:
-    """Find g - 1 of the tone exponent by the fringes' shape, and its uncertainty.
-
-    By one linear step from 1: enough to tell that the light is not linear, not how far. InputError
-    where no fringe can be followed, or the fringes leave the exponent open.
-    """
+    """Find g - 1 of the tone exponent by the fringes' shape, and its uncertainty. By one linear
+    step from 1: enough to tell that the light is not linear, not how far. InputError where no
+    fringe can be followed, or the fringes leave the exponent open."""
     problem, starts = _problem(light, sigma, valid, ends, True)
     data, orders, _ = fresh_patches(problem, starts[0])
     try:
@@ -300,8 +287,8 @@ def gamma_misfit(
         covariance = np.linalg.inv(normal.matrix)
     except np.linalg.LinAlgError as error:
         raise InputError(NOT_TOLD) from error
-    uncertainty = np.sqrt(data.overlap * covariance[-1, -1])
-    return float((covariance @ normal.slope)[-1]), float(uncertainty)
+    uncertainty = float(np.sqrt(data.overlap * covariance[-1, -1]))
+    return float((covariance @ normal.slope)[-1]), uncertainty
 
 
 def _binning(shape: tuple[int, ...]) -> int:
@@ -405,11 +392,9 @@ _SURE = 3.0
 @dataclass(frozen=True)
 class NoLoadExposure:
     """Factors that make the no-load frames a frame's own ends, 1 where nothing speaks against it.
-
     `told`: a crest tells b, the factor `bright`; `dark_told`: a trough tells d, `dark`, or the dark
     end is black; `ends`, the frame's, where they are not the no-load frames; `crest_sure`: the line
-    that told b must be a crest, since a trough is in the frame, or b is 1.
-    """
+    that told b must be a crest, since a trough is in the frame, or b is 1."""
 
     dark: float = 1.0
     bright: float = 1.0
@@ -440,8 +425,7 @@ def find_no_load_exposure(
     if moved < _ALIKE:
         return NoLoadExposure(told=True)
     variance = np.zeros((3, 3, *dark.shape))
-    sides = (dark, d, by_trough), (bright, b, by_crest)
-    for i, (end, factor, spread) in enumerate(sides):
+    for i, (end, factor, spread) in enumerate(((dark, d, by_trough), (bright, b, by_crest))):
         noise = factor * 1.4826 * float(np.median(np.abs(end - _smooth(end))))
         variance[i, i] = (spread * end) ** 2 + noise**2
     ends = BackgroundModulation(
@@ -465,11 +449,9 @@ def _smooth(end: Array) -> Array:
 def _level(
     light: Array, sigma: Array, end: Array, lit: Mask, bright: Array | None = None
 ) -> tuple[float, float] | None:
-    """Factor of a smooth `end` by the lines on which the light is its, and its uncertainty.
-
-    `lit`, where it can be divided by; `bright`, the light on crests where troughs are looked for.
-    None where there is no such line.
-    """
+    """Factor of a smooth `end` by the lines on which the light is its, and its uncertainty. `lit`,
+    where it can be divided by; `bright`, the light on crests where troughs are looked for. None
+    where there is no such line."""
     sign = 1.0 if bright is None else -1.0
     safe = np.where(lit, end, 1.0)
     ratio = sign * np.where(lit, light / safe, 0.0)
@@ -478,9 +460,8 @@ def _level(
     fringe = np.maximum(np.abs(ratio) if bright is None else bright / safe, noise)
     widths = [max(_NARROWEST_PX, min(light.shape) / many) for many in _WIDTHS]
     # wide smoothing takes narrow fringes away, which may be brighter than the line
-    finest = gaussian(ratio, widths[-1])
-    brightest = float(np.percentile(finest[_inner(lit, widths[-1])], 99.5))
-    brightest -= 2.0 * noise / widths[-1]
+    finest = gaussian(ratio, widths[-1])[_inner(lit, widths[-1])]
+    brightest = float(np.percentile(finest, 99.5)) - 2.0 * noise / widths[-1]
     for width in widths:
         level = _level_at(ratio, fringe, noise, lit, width)
         if level is None or sign * level[0] <= 0.0:
@@ -500,12 +481,10 @@ def _level_at(
     ratio: Array, fringe: Array, noise: float, lit: Mask, width: float
 ) -> tuple[float, float] | None:
     """The greatest value that a ratio has all along a line, at one width of smoothing (pixels).
-
     `fringe` (rows, cols), the ratio's change from a trough to a crest. Of A sin²(k x/2) a Gaussian
     of standard deviation w takes A (1 - e^-u)/2 off its ends, u = k² w²/2, and leaves a curvature
     of A k² e^-u/2 there, so that w² times this over A is q = u e^-u, and what is taken off w²/2
-    times it times (e^u - 1)/u. u = q + q² up to q³.
-    """
+    times it times (e^u - 1)/u. u = q + q² up to q³."""
     smooth, gy, gx, hyy, hyx, hxx = (
         gaussian(ratio, width, order) for order in ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
     )
@@ -513,8 +492,7 @@ def _level_at(
     angle = 0.5 * np.arctan2(2.0 * hyx, hxx - hyy)
     size, mean = np.hypot(0.5 * (hxx - hyy), hyx), 0.5 * (hxx + hyy)
     bend, along = mean - size, mean + size
-    slope = gx * -np.sin(angle) + gy * np.cos(angle)
-    across = -slope / np.minimum(bend, -1e-12)
+    across = -(gx * -np.sin(angle) + gy * np.cos(angle)) / np.minimum(bend, -1e-12)
     sharp = _SHARP * noise * np.sqrt(3.0 / (16.0 * np.pi)) / width**3
     inner = _inner(lit, width)
     if not inner.any():

@@ -59,11 +59,9 @@ QUADRATICS = len(total_degree(DEGREE))
 
 @dataclass(frozen=True)
 class SmoothImages:
-    """Images f_k(row) g_k(col) over a frame, and how large each may be beforehand.
-
-    Their factors `down` (rows, a) and `across` (cols, b); `pairs` (terms, 2) of these; `spread`
-    (terms,): a coefficient's prior deviation, over the contrast, inf for the even light.
-    """
+    """Images f_k(row) g_k(col) over a frame, and how large each may be beforehand. Their factors
+    `down` (rows, a) and `across` (cols, b); `pairs` (terms, 2) of these; `spread` (terms,): a
+    coefficient's prior deviation, over the contrast, inf for the even light."""
 
     down: Array
     across: Array
@@ -117,10 +115,9 @@ _DIAGONAL = np.arange(TERMS)
 @dataclass(frozen=True, kw_only=True)
 class EndProblem:
     """A frame in bins of `by` pixels: `light`, `sigma`, `valid` (rows, cols), and its unknowns.
-
     Their vector: terms of the `shapes` that the dark and the bright end are sums of (of an end that
-    is given a multiple of its image), and g, to be found where `tone`; `scale`, about the contrast.
-    """
+    is given a multiple of its image), and g, to be found where `tone`; `scale`, about the
+    contrast."""
 
     light: Array = field(repr=False)
     sigma: Array = field(repr=False)
@@ -170,10 +167,9 @@ class EndProblem:
 
     def prior(self, unknowns: Array) -> tuple[Array, Array]:
         """Inverse variances of the unknowns, and their distance from what is expected."""
-        weight = np.append((np.concatenate(self.spreads) * self.scale) ** -2.0, _TONE**-2)
         away = unknowns.copy()
         away[-1] -= 1.0
-        return weight, away
+        return np.append((np.concatenate(self.spreads) * self.scale) ** -2.0, _TONE**-2), away
 
     def prior_cost(self, unknowns: Array) -> float:
         """What the unknowns that are to be found cost by themselves."""
@@ -184,10 +180,8 @@ class EndProblem:
 @dataclass(frozen=True, kw_only=True)
 class PatchData:
     """Patches in use of a problem: `index` on their lattice (p,), and their pixels (p, k).
-
     `pixels`, their numbers in the frame; `light`, `weight` of each; `window`, the sum of a patch's
-    pixels' weights before the noise (p,); `chi` (p,); `overlap`, how often a pixel was counted.
-    """
+    pixels' weights before the noise (p,); `chi` (p,); `overlap`, how often a pixel was counted."""
 
     problem: EndProblem = field(repr=False)
     index: Indices = field(repr=False)
@@ -210,15 +204,12 @@ class PatchEnds:
 
     def __init__(self, data: PatchData, unknowns: Array) -> None:
         self.data, self.unknowns = data, unknowns
-        ends = data.problem.ends(unknowns)
-        self.dark, self.bright = (end.ravel()[data.pixels] for end in ends)
+        self.dark, self.bright = (end.ravel()[data.pixels] for end in data.problem.ends(unknowns))
 
 
 class PatchModel:
     """The model at some ends and patches' terms `orders` (p, 10), in the precision of the light.
-
-    `cost` of each patch, `residual` (p, k); slopes (p, k) when they are asked for.
-    """
+    `cost` of each patch, `residual` (p, k); slopes (p, k) when they are asked for."""
 
     def __init__(self, ends: PatchEnds, orders: Array) -> None:
         data, g, precision = ends.data, ends.unknowns[-1], ends.data.light.dtype
@@ -252,9 +243,8 @@ class PatchModel:
         if not self.problem.tone:
             return columns
         by_tone = -np.log(self._linear) * self._light / g**2
-        for end, column, known in zip(
-            (self.ends.dark, self.ends.bright), by_ends, given, strict=True
-        ):
+        ends = self.ends.dark, self.ends.bright
+        for end, column, known in zip(ends, by_ends, given, strict=True):
             if known:
                 by_tone = by_tone + column * end * np.log(np.maximum(end, 1e-6)) / g
         return [*columns, by_tone]
@@ -299,19 +289,16 @@ def refine_ends(
         _, residual, slope = now
         return _information(ends.data, residual, slope, orders)[:2]
 
-    orders, now, damping = minimise_all(
-        at, equations, orders, damping, steps=steps, limits=(1e-6, 1e4)
-    )
+    limits = 1e-6, 1e4
+    orders, now, damping = minimise_all(at, equations, orders, damping, steps=steps, limits=limits)
     return orders, now[0], damping
 
 
 @dataclass(frozen=True)
 class EndEquations:
-    """Normal equations `matrix`, `slope` of the free unknowns, every patch following.
-
-    For a step x the patches' terms change by `pull` - `drag` x, (p, 10) and (p, 10, terms);
-    `spread` (p,), standard uncertainty of a patch's order with the ends known.
-    """
+    """Normal equations `matrix`, `slope` of the free unknowns, every patch following. For a step x
+    the patches' terms change by `pull` - `drag` x, (p, 10) and (p, 10, terms); `spread` (p,),
+    standard uncertainty of a patch's order with the ends known."""
 
     matrix: Array
     slope: Array
@@ -389,11 +376,9 @@ the residual, looks like one: errors in variables (Fuller (1987), Measurement er
 @dataclass(frozen=True, kw_only=True)
 class Found:
     """The unknowns, their `covariance`, the last `change` of the order, and the patches at rest.
-
     `patch_cost`, residual over noise squared (p,), and what the unknowns' prior adds; `price`, how
     much the frame narrows the prior down, ln det(1 + v M), which the evidence takes for it;
-    `beyond_prior`, t² of `spots_beyond_prior`.
-    """
+    `beyond_prior`, t² of `spots_beyond_prior`."""
 
     unknowns: Array
     covariance: Array
@@ -407,10 +392,8 @@ class Found:
 
 
 def search_all(problem: EndProblem, starts: list[Array]) -> list[Found]:
-    """What each of several `starts`, vectors of the unknowns, leads to.
-
-    InputError where no fringe can be followed, or where the fringes leave the unknowns open.
-    """
+    """What each of several `starts`, vectors of the unknowns, leads to. InputError where no fringe
+    can be followed, or where the fringes leave the unknowns open."""
     outcome = []
     for start in starts:
         with suppress(np.linalg.LinAlgError):  # it leads to what the fringes leave open
@@ -423,11 +406,9 @@ def search_all(problem: EndProblem, starts: list[Array]) -> list[Found]:
 
 
 def possible(*models: list[Found]) -> list[Found]:
-    """The results of other orders each that the frame does not exclude, the best first.
-
-    Models, such as light without and with spots, are compared by the evidence of their best, the
-    results of one by their costs: what a result leaves open is no merit beside another's.
-    """
+    """The results of other orders each that the frame does not exclude, the best first. Models,
+    such as light without and with spots, are compared by the evidence of their best, the results of
+    one by their costs: what a result leaves open is no merit beside another's."""
     one = models[0][0]
     cost = [min(_dearer(result, one) + result.price for result in results) for results in models]
     listed: list[Found] = []
@@ -443,15 +424,12 @@ def possible(*models: list[Found]) -> list[Found]:
 
 
 def _dearer(one: Found, other: Found) -> float:
-    """How much more a result costs than another, by the patches that both use.
-
-    A patch that a cubic does not describe follows whatever light it is given, and one that it
-    describes in one result alone may rest on the wrong side of a crest: no patch decides alone.
-    """
+    """How much more a result costs than another, by the patches that both use. A patch that a cubic
+    does not describe follows whatever light it is given, and one that it describes in one result
+    alone may rest on the wrong side of a crest: no patch decides alone."""
     a, b = _of_both(one, other)
-    first, second = (
-        np.minimum(cost, WORST_CHI**2) for cost in (one.patch_cost[a], other.patch_cost[b])
-    )
+    costs = one.patch_cost[a], other.patch_cost[b]
+    first, second = (np.minimum(cost, WORST_CHI**2) for cost in costs)
     away = np.clip(first - second, -_MOST, _MOST)
     return float(_PIXELS * away.sum() + one.prior_cost - other.prior_cost)
 
@@ -510,8 +488,8 @@ def search_on(result: Found, problem: EndProblem) -> Found:
     dampings, cost = _start(data, unknowns, orders)
     for _ in range(_MORE):
         normal = eliminated(PatchEnds(data, unknowns), orders)
-        place = unknowns, orders, dampings
-        tried = _followed(data, place, normal, _damped(normal, 0.0))
+        step = _damped(normal, 0.0)
+        tried = _followed(data, (unknowns, orders, dampings), normal, step)
         if not tried[0] < cost:
             break
         cost, unknowns, orders, dampings = tried
@@ -573,21 +551,17 @@ def _found(data: PatchData, unknowns: Array, orders: Array, change: float) -> Fo
 
 def spots_beyond_prior(covariance: Array, terms: Array, precision: Array, spots: Mask) -> float:
     """How much stronger squared the spots are that were found than they were taken for, 1 at least.
-
-    Of the light's `terms` found (n,), with the priors' `precision` 1/σ² (n,), the `spots`:
-    t² = Σ (c/σ)² / γ, γ = Σ (1 - var c/σ²) the number of them that the frame tells.
-    Source: MacKay (1992), Neural Computation 4, 415.
-    """
+    Of the light's `terms` found (n,), with the priors' `precision` 1/σ² (n,), the `spots`: t² = Σ
+    (c/σ)² / γ, γ = Σ (1 - var c/σ²) the number of them that the frame tells. Source: MacKay (1992),
+    Neural Computation 4, 415."""
     informed = np.sum(1.0 - np.diag(covariance)[spots] * precision[spots])
     return float(max(1.0, np.sum(precision[spots] * terms[spots] ** 2) / max(informed, 1.0)))
 
 
 def as_spotted(covariance: Array, precision: Array, spots: Mask, larger: float) -> Array:
     """A covariance of the light's terms, the spots' prior variance being `larger`, as was found.
-
     Where no crest lies the light is as uncertain as its prior, and a lamp whose spots are three
-    times as strong in view is not smoother out of view.
-    """
+    times as strong in view is not smoother out of view."""
     if not larger > 1.0:
         return covariance
     less = np.where(spots, precision * (1.0 - 1.0 / larger), 0.0)
@@ -598,10 +572,8 @@ def fresh_patches(
     problem: EndProblem, unknowns: Array, before: tuple[PatchData, Array] | None = None
 ) -> tuple[PatchData, Array, float]:
     """Patches fitted anew at some unknowns, but where those of `before`, if any, were better.
-
     Returns the patches, their orders, and the share that was better anew. InputError where too few
-    can be followed.
-    """
+    can be followed."""
     dark, bright = problem.ends(unknowns)
     g, contrast = unknowns[-1], bright - dark
     lit = problem.valid & (contrast > DIMMEST * problem.scale**g)
@@ -624,9 +596,8 @@ def fresh_patches(
     orders = np.zeros((len(index), TERMS))
     orders[:, :6] = fitted.terms[0, good]
     row, col = np.unravel_index(index, (len(light.rows), len(light.cols)))
-    pixels = (
-        (light.rows[row][:, None] + DY) * problem.light.shape[1] + light.cols[col][:, None] + DX
-    )
+    down, across = light.rows[row][:, None] + DY, light.cols[col][:, None]
+    pixels = down * problem.light.shape[1] + across + DX
     window = light.weight[index].astype(float)
     data = PatchData(
         problem=problem, index=index, light=problem.light.ravel()[pixels],

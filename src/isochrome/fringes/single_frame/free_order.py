@@ -87,10 +87,8 @@ _OUTLIER = 2.0
 
 def fit_contrast(patches: Patches, terms: Array, shape: tuple[int, ...]) -> Array:
     """What fringes have left of their contrast at each pixel, by patches whose order is known.
-
     Least squares of both variances, neither negative, patches off the law counting for less; 1
-    where too few tell. `terms` (m, n, 6) of the signed order, NaN where that of the nearest counts.
-    """
+    where too few tell. `terms` (m, n, 6) of the signed order, NaN: the nearest's."""
     from scipy.optimize import nnls
 
     variances = np.zeros(2)
@@ -129,11 +127,9 @@ CLEAR = 8.0
 
 @dataclass(frozen=True)
 class KnownPlaces:
-    """An order that is known at places (row, col), pixels: at one, or along a fringe line.
-
-    `key`, what messages call it; `says_zero_line`: an order of 0 may be that of a line, where a
-    free corner's is the corner's alone; `extremum`: 'maximum' or 'minimum' of its surroundings.
-    """
+    """An order that is known at places (row, col), pixels: at one, or along a fringe line. `key`,
+    what messages call it; `says_zero_line`: an order of 0 may be that of a line, where a free
+    corner's is the corner's alone; `extremum`: 'maximum' or 'minimum' of its surroundings."""
 
     places: tuple[tuple[float, float], ...]
     order: float
@@ -158,11 +154,9 @@ class KnownOrders:
 @dataclass(frozen=True, kw_only=True)
 class StatedPlace:
     """A place of known order: its quadratic's `basis` (6,) in the `patch` about it, its part's f.
-
     `part`, -1 where there is none near; `sigma`, standard deviation of the order; `within`, by how
     much it may miss at all (fringes); `around`, how far f lies above that all around, below it
-    where negative, nought where it turns neither way; `extremum`, which one it is said to be.
-    """
+    where negative, nought where it turns neither way; `extremum`, which one it is said to be."""
 
     part: int
     point: KnownPoint
@@ -218,8 +212,7 @@ class Stated:
 
     def source(self, p: StatedPlace, terms: Array) -> AnchorPatch:
         """One of its places to look at seams from, by the order's terms (m, n, 6)."""
-        crest = round(2.0 * float(p.basis @ terms[p.patch])) if self.on_line else None
-        return p.patch, crest
+        return p.patch, round(2.0 * float(p.basis @ terms[p.patch])) if self.on_line else None
 
     def __str__(self) -> str:
         row, col, order = self.places[0].point
@@ -230,11 +223,9 @@ def turned_to(
     patches: Patches, terms: Array, used: Sequence[tuple[Stated, StatedPlace]],
     known: Sequence[ZeroPlace], given: Stated, p: StatedPlace,
 ) -> Array | None:  # fmt: skip
-    """The terms (m, n, 6) with an open seam closed as a place beyond it says.
-
-    As they are where the place fits, since another place of its line has closed it, or roughly, and
-    better beyond no seam; None where it fits neither way. `used`, what they are known by.
-    """
+    """The terms (m, n, 6) with an open seam closed as a place beyond it says. As they are where the
+    place fits, since another place of its line has closed it, or roughly, and better beyond no
+    seam; None where it fits neither way. `used`, what they are known by."""
     now, order = float(p.basis @ terms[p.patch]), given.known.order
     miss = abs(abs(now) - order)
     if (miss / p.sigma) ** 2 < CLEAR:
@@ -258,10 +249,8 @@ def turned_to(
 def stated_place(
     patches: Patches, labels: Labels, terms: Array, known: KnownPlaces, place: tuple[float, float]
 ) -> StatedPlace:
-    """What the patch about a place says of it, by the parts' `terms` (m, n, 6).
-
-    A single point's may lie on a flat crest, which is not followed: then one beside it on the body.
-    """
+    """What the patch about a place says of it, by the parts' `terms` (m, n, 6). A single point's
+    may lie on a flat crest, which is not followed: then one beside it on the body."""
     row, col = place
     away = np.hypot(patches.rows[:, None] - row, patches.cols[None, :] - col)
     nearest = np.unravel_index(away.argmin(), away.shape)
@@ -272,8 +261,7 @@ def stated_place(
     off = np.array(row - patches.rows[patch[0]]), np.array(col - patches.cols[patch[1]])
     sigma, within = STATED_SPREAD, BRANCH  # estimates may be rough
     if known.is_line:
-        slope = float(np.hypot(*terms[patch][1:3]))
-        sigma = float(np.hypot(sigma, _BESIDE_LINE_PX * slope))
+        sigma = float(np.hypot(sigma, _BESIDE_LINE_PX * float(np.hypot(*terms[patch][1:3]))))
         within = min(within, _FAR_BESIDE * sigma)
     in_patch = basis(*off)
     order, around = float(in_patch @ terms[patch]), 0.0
@@ -290,10 +278,8 @@ def stated_place(
 
 def _above(values: Array, patch: tuple[int, int], at: float) -> float:
     """How far a field, `at` a patch, lies above the nearest square about it all above or below it.
-
     `values` (m, n), NaN outside the part. Nought where some of the square about it lies above and
-    some below, or half is not known.
-    """
+    some below, or half is not known."""
     away = np.abs(np.indices(values.shape) - np.reshape(patch, (2, 1, 1))).max(axis=0)
     for k in range(1, int(away.max()) + 1):
         around = values[away == k]
@@ -317,9 +303,12 @@ def left_out(given: Stated, missed: list[StatedPlace], j: int, votes: int) -> st
             miss=p.miss(j), would=would,
         )  # fmt: skip
     if abs(p.point[2] - _levels(p)[0]) < p.within:
-        plural = "s" * (votes > 1)
         return message(
-            "contradicted_other_which_would", given=given, votes=votes, value=plural, would=would
+            "contradicted_other_which_would",
+            given=given,
+            votes=votes,
+            value="s" * (votes > 1),
+            would=would,
         )
     return fits_nothing(given, p)
 
@@ -396,10 +385,9 @@ def _carried(
     carried = map_coordinates(light, way, order=0, mode="constant", cval=np.nan)
     first = int(np.isfinite(carried).argmax())
     hidden = 0.5 * first
-    steepest = float(np.hypot(*patches.terms[inside][:, 1:3].T).max())
     if not np.isfinite(carried[first:]).all() or hidden > _HIDDEN_PX:
         return message("pixels_between_next_fringes")
-    if hidden * steepest > _HIDDEN_RISE:
+    if hidden * float(np.hypot(*patches.terms[inside][:, 1:3].T).max()) > _HIDDEN_RISE:
         return message("fringes_beside_too_dense")
     if carried[first:].min() < _DARK:
         return message("light_beside_not_order")
@@ -421,10 +409,8 @@ APART = 0.5
 
 @dataclass(frozen=True)
 class Anchored:
-    """Signed orders' `terms` (m, n, 6) of the patches by known points, NaN = not known.
-
-    `misses`, points that were not used; `said`, what is open, and what point would settle it.
-    """
+    """Signed orders' `terms` (m, n, 6) of the patches by known points, NaN = not known. `misses`,
+    points that were not used; `said`, what is open, and what point would settle it."""
 
     terms: Array = field(repr=False)
     misses: tuple[KnownPoint, ...]
@@ -437,11 +423,15 @@ def _unknown(part: Array, given: list[Stated], *said: str) -> Anchored:
     return Anchored(np.full_like(part, np.nan), points, said)
 
 
+def _candidates(given: list[Stated]) -> set[int]:
+    """Each j that a place says and that fits one: the part's own orders may have either sign."""
+    orders = [(s * g.known.order, p.field) for g in given for p in g.places for s in (1.0, -1.0)]
+    return {j for j in {round(n - f) for n, f in orders} if any(g.fits(j) for g in given)}
+
+
 def _one_part(patches: Patches, part: Array, given: list[Stated], error: Array) -> Anchored:
     """A part's order by what is known in it."""
-    signed = (1.0, -1.0)  # the part's own orders may have either sign
-    shifts = {round(s * g.known.order - p.field) for g in given for p in g.places for s in signed}
-    candidates = {j for j in shifts if any(g.fits(j) for g in given)}
+    candidates = _candidates(given)
     if not candidates:
         return _unknown(part, given, *(fits_nothing(g, g.places[0]) for g in given))
     lines = {j: zero_lines(part[..., 0] + j, _zero_said(j, given)) for j in candidates}
@@ -524,10 +514,8 @@ def _zero_said(j: int, given: list[Stated]) -> list[ZeroPlace]:
 
 
 def _beyond_seam(patches: Patches, terms: Array, beyond: Mask, crest: int, error: Array) -> str:
-    """What to say of patches whose branch the light does not settle.
-
-    A point is asked for where the light is known well enough for its answer to be the order.
-    """
+    """What to say of patches whose branch the light does not settle. A point is asked for where the
+    light is known well enough for its answer to be the order."""
     order = terms[..., 0]
     mirrored = np.abs(crest - order)
     share = 100.0 * beyond.sum() / max(1, np.isfinite(order).sum())
@@ -542,8 +530,7 @@ def _beyond_seam(patches: Patches, terms: Array, beyond: Mask, crest: int, error
     lit = (apart >= _TELLABLE) & (moved < np.minimum(LARGEST_UNCERTAINTY, _SHARP * apart))
     if not lit.any():
         return message("nor_light_there_give", said=note)
-    differ = np.where(lit, apart, np.nan)
-    row, col, at = _place(patches, clearly_apart(differ))
+    row, col, at = _place(patches, clearly_apart(np.where(lit, apart, np.nan)))
     first, second = sorted([float(mirrored[at]), abs(float(order[at]))])
     return message(
         "known_order_row_column_settles", said=note, row=row, col=col, first=first, second=second
@@ -551,10 +538,8 @@ def _beyond_seam(patches: Patches, terms: Array, beyond: Mask, crest: int, error
 
 
 def clearly_apart(difference: Array) -> Mask:
-    """Where two orders differ enough for a known one to tell them apart, else where most.
-
-    Equation: d > min(1/2, max(d)/2), d the `difference` (rows, cols), NaN where nothing is asked.
-    """
+    """Where two orders differ enough for a known one to tell them apart, else where most. Equation:
+    d > min(1/2, max(d)/2), d the `difference` (rows, cols), NaN where nothing is asked."""
     return np.asarray(difference > min(APART, 0.5 * float(np.nanmax(difference))))
 
 
@@ -584,11 +569,9 @@ _WORTH_SAYING = 0.01
 
 @dataclass(frozen=True)
 class FreeReading:
-    """What a frame says without a model: the order, and how well it is known.
-
-    `contrast`, what the fringes have left; `misses`: known points that were not used; `said`: why,
-    what the frame leaves open, and what point would settle it.
-    """
+    """What a frame says without a model: the order, and how well it is known. `contrast`, what the
+    fringes have left; `misses`: known points that were not used; `said`: why, what the frame leaves
+    open, and what point would settle it."""
 
     reading: OrderReading
     contrast: Array = field(repr=False)
@@ -599,12 +582,10 @@ class FreeReading:
 def read_free(
     wave: Array, sigma: Array, valid: Mask, known: KnownOrders, *, error: Array
 ) -> FreeReading:
-    """Read the fringe order of a normalised frame `wave`, cos 2 pi N, without a model.
-
-    Each part that is wanted needs a point, a line or a corner that is `known`. `error`: uncertainty
-    of the signal (1 - cos 2 pi N)/2 by the ends of the light: from 0.003 on in the median a line of
-    N = 0, which stands for N = 1 in a wrong light, must be known. InputError: a frame too small.
-    """
+    """Read the fringe order of a normalised frame `wave`, cos 2 pi N, without a model. Each part
+    that is wanted needs a point, a line or a corner that is `known`. `error`: uncertainty of the
+    signal (1 - cos 2 pi N)/2 by the ends of the light: from 0.003 on in the median a line of N = 0,
+    which stands for N = 1 in a wrong light, must be known. InputError: a frame too small."""
     followed, fade = follow_fringes(wave, sigma, valid, known, error=error)
     result = followed.anchored(known)
     reading = _dense(followed.patches, result.terms, valid)
@@ -620,12 +601,9 @@ def read_free(
 
 @dataclass(frozen=True)
 class FollowedFringes:
-    """What a frame's fringes say before an order is known.
-
-    `faded`: they have lost contrast, so that what can be followed depends on what was known;
-    `wave`, the light c = cos 2 pi N; `unlit` (m, n), the signal's uncertainty by the ends of the
-    light at the patches.
-    """
+    """What a frame's fringes say before an order is known. `faded`: they have lost contrast, so
+    that what can be followed depends on what was known; `wave`, the light c = cos 2 pi N; `unlit`
+    (m, n), the signal's uncertainty by the ends of the light at the patches."""
 
     faded: bool
     patches: Patches = field(repr=False)
@@ -680,10 +658,8 @@ def follow_fringes(
     wave: Array, sigma: Array, valid: Mask, known: KnownOrders, *, error: Array
 ) -> tuple[FollowedFringes, Array]:
     """Follow the fringes of a normalised frame as far as they can be; what they have of contrast.
-
     Low orders of wide fringes lose next to nothing of their contrast and tell what the others lose:
-    where contrast is lost, and there alone, what is followed grows from them by what is `known`.
-    """
+    where contrast is lost, and there alone, what is followed grows from them by what is `known`."""
     fade = np.ones(wave.shape)
     patches, labels = coarse_to_fine(wave, sigma, valid)
     contrast = patches.contrast[(patches.filled > LEAST_FILLED) & np.isfinite(patches.contrast)]
@@ -708,12 +684,10 @@ def follow_fringes(
 
 
 def _dense(patches: Patches, terms: Array, valid: Mask) -> OrderReading:
-    """The mean of the patches' orders at each pixel, and how far they agree.
-
-    u² = max(mean of the patches' u², variance of their orders), since noise alone makes
-    patches differ; a patch's u is that of the stated noise, times its chi where that is below 1,
-    and not below that of half the patches: the stated noise has a floor, many frames have less.
-    """
+    """The mean of the patches' orders at each pixel, and how far they agree. u² = max(mean of the
+    patches' u², variance of their orders), since noise alone makes patches differ; a patch's u is
+    that of the stated noise, times its chi where that is below 1, and not below that of half the
+    patches: the stated noise has a floor, many frames have less."""
     use = np.isfinite(terms[..., 0])
     terms = np.where(use[..., None], terms, 0.0)
     usual = np.median(patches.chi[use]) if use.any() else 1.0
@@ -735,17 +709,15 @@ def _dense(patches: Patches, terms: Array, valid: Mask) -> OrderReading:
     mean = first / safe
     spread = np.sqrt(np.maximum(second / safe - mean**2, 0.0))
     uncertainty = np.maximum(np.sqrt(np.where(covered, cover, 1.0) / safe), spread)
-    known = covered & (uncertainty < LARGEST_UNCERTAINTY)
-    return make_reading(mean, uncertainty, known, of=valid)
+    covered &= uncertainty < LARGEST_UNCERTAINTY
+    return make_reading(mean, uncertainty, covered, of=valid)
 
 
 def common_reading(readings: Sequence[FreeReading]) -> FreeReading:
-    """The reading that misses the fewest known points, as uncertain as its equals leave it.
-
-    Several smooth lights may explain a frame alike, and under each other regions are turned over
-    about a crest: u' = (u² + sum d²)^(1/2), d the difference of another reading's order; a pixel of
-    more than 0.03 fringe, or that another does not know, is not known. `readings`: the best first.
-    """
+    """The reading that misses the fewest known points, as uncertain as its equals leave it. Several
+    smooth lights may explain a frame alike, and under each other regions are turned over about a
+    crest: u' = (u² + sum d²)^(1/2), d the difference of another reading's order; a pixel of more
+    than 0.03 fringe, or that another does not know, is not known. `readings`: the best first."""
     best, *others = _fewest_missed(readings)
     orders = [result.reading.order for result in others]
     if not orders:

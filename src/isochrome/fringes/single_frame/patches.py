@@ -91,13 +91,11 @@ _STEEP_BEND = 0.03
 
 @dataclass(frozen=True, kw_only=True)
 class Patches:
-    """Quadratics of the order about the patches' middles `rows` (m,), `cols` (n,), pixels.
-
-    `terms` (m, n, 6): n, g_x, g_y, H_xx, H_xy, H_yy with x along the columns, and their
-    uncertainties `spread`; `chi` (m, n), residual over noise; `filled`, share of valid pixels;
-    `contrast`, what the patch says of its fringes', NaN where it spans too little; `body`, the
-    number of that it lies on.
-    """
+    """Quadratics of the order about the patches' middles `rows` (m,), `cols` (n,), pixels. `terms`
+    (m, n, 6): n, g_x, g_y, H_xx, H_xy, H_yy with x along the columns, and their uncertainties
+    `spread`; `chi` (m, n), residual over noise; `filled`, share of valid pixels; `contrast`, what
+    the patch says of its fringes', NaN where it spans too little; `body`, the number of that it
+    lies on."""
 
     rows: Indices
     cols: Indices
@@ -113,13 +111,9 @@ class Patches:
         return image[np.ix_(self.rows, self.cols)]
 
 
-def _window() -> tuple[Indices, Indices, Array]:
-    """Rows and columns of a patch's pixels about its middle (k,), and their weights (k,)."""
-    dy, dx = (v.ravel() for v in np.mgrid[-HALF : HALF + 1, -HALF : HALF + 1])
-    return dy, dx, np.exp(-(dx**2 + dy**2) / (2.0 * _WINDOW**2))
-
-
-DY, DX, WINDOW = _window()
+DY, DX = (v.ravel() for v in np.mgrid[-HALF : HALF + 1, -HALF : HALF + 1])
+WINDOW: Array = np.exp(-(DX**2 + DY**2) / (2.0 * _WINDOW**2))
+"""Weights (k,) of a patch's pixels, in rows `DY` and columns `DX` about its middle (k,)."""
 
 
 def basis(dy: Array, dx: Array) -> Array:
@@ -139,9 +133,7 @@ def binned(wave: Array, sigma: Array, valid: Mask, by: int) -> tuple[Array, Arra
 @dataclass(frozen=True, kw_only=True)
 class PatchLight:
     """The light of every patch: `light`, `weight` (p, k), `noise`, `body` (p,), and where they are.
-
-    `gradient` (p, 2), about the order's along x and y, up to its sign, fringes a pixel.
-    """
+    `gradient` (p, 2), about the order's along x and y, up to its sign, fringes a pixel."""
 
     rows: Indices
     cols: Indices
@@ -196,12 +188,10 @@ def fit_patches(
     patches: PatchLight, expected: tuple[Array, Array] | None = None, contrast: Array | None = None,
     *, deviation: bool = False,
 ) -> Patches:  # fmt: skip
-    """Fit a quadratic of the order to each patch of a frame.
-
-    `expected`, terms that are known beforehand (m, n, 6), NaN where none are, and their standard
-    deviations; `contrast`, the fringes' (m, n), 1 if not given. A patch that fits its expectation
-    badly is fitted again without; with `deviation` one that tells another contrast is with that.
-    """
+    """Fit a quadratic of the order to each patch of a frame. `expected`, terms that are known
+    beforehand (m, n, 6), NaN where none are, and their standard deviations; `contrast`, the
+    fringes' (m, n), 1 if not given. A patch that fits its expectation badly is fitted again
+    without; with `deviation` one that tells another contrast is with that."""
     if contrast is None:
         contrast = np.ones((len(patches.rows), len(patches.cols)))
     scale = contrast.ravel().astype(np.float32)
@@ -214,8 +204,7 @@ def fit_patches(
         known = np.asarray(np.isfinite(terms).all(axis=1))
         mean[known], prior[known] = terms[known], spread[known] ** -2
     fitted = _refine(full, np.where(known[:, None], mean, start), mean, prior)
-    bad = known & (fitted.chi.ravel() > WORST_CHI)
-    _fit_again(fitted, full, bad, start, np.ones_like(scale))
+    _fit_again(fitted, full, known & (fitted.chi.ravel() > WORST_CHI), start, np.ones_like(scale))
     fitted = replace(fitted, contrast=fitted.contrast * contrast)
     measured = fitted.contrast.ravel()
     least, most = _OWN_CONTRAST
@@ -253,12 +242,11 @@ def _start_gradient(wave: Array, sigma: Array, valid: Mask) -> tuple[Array, Arra
     """The order's gradient (x, y), up to its sign, fringes a pixel."""
     dx, dy, xx, yy = (gaussian(wave, 1.0, order) for order in ((0, 1), (1, 0), (0, 2), (2, 0)))
     bend = xx + yy
-    smooth = np.clip(gaussian(wave, 0.7), -1.0, 1.0)
 
     def pooled(values: Array) -> Array:
         return np.asarray(gaussian(np.where(valid, values, 0.0), _FREQUENCY_WINDOW))
 
-    speed = np.maximum(pooled(1.0 - smooth**2), 0.05)
+    speed = np.maximum(pooled(1.0 - np.clip(gaussian(wave, 0.7), -1.0, 1.0) ** 2), 0.05)
     noise = pooled(sigma**2) / (8.0 * np.pi)  # what noise adds to a derivative's square
     xx, yy = (pooled(dx * dx) - noise) / speed, (pooled(dy * dy) - noise) / speed
     xy = pooled(dx * dy) / speed
@@ -266,8 +254,7 @@ def _start_gradient(wave: Array, sigma: Array, valid: Mask) -> tuple[Array, Arra
     size = np.minimum(np.sqrt(np.maximum(largest, 0.0)) / TURN, LARGEST_CHANGE)
     # fine fringes fade in the derivative itself, but alike in the second one
     first = np.maximum((xx + yy) * speed, 1e-9)
-    second = pooled(bend * bend) - 4.0 * noise
-    frequency = np.sqrt(np.maximum(second, 0.0) / first)
+    frequency = np.sqrt(np.maximum(pooled(bend * bend) - 4.0 * noise, 0.0) / first)
     fine = (frequency > _FINE) & (first > _CLEAR * noise)
     size = np.where(fine, np.minimum(frequency / TURN, LARGEST_CHANGE), size)
     angle = 0.5 * np.arctan2(2.0 * xy, xx - yy)
@@ -313,9 +300,8 @@ def _refine(patches: PatchLight, terms: Array, mean: Array, prior: Array) -> Pat
 
     def equations(terms: Array, now: State) -> tuple[Array, Array]:
         _, sine, residual = now
-        matrix = information_of(sine)
         slope = -TURN * gain * ((weight * residual * sine) @ terms_of) - (terms - mean) * prior
-        return matrix, slope
+        return information_of(sine), slope
 
     def information_of(sine: Array) -> Array:
         matrix = ((weight * sine * sine) @ pairs).reshape(-1, 6, 6) * (TURN**2 * gain)[..., None]
@@ -348,19 +334,16 @@ def _refine(patches: PatchLight, terms: Array, mean: Array, prior: Array) -> Pat
 def _contrast(weight: Array, light: Array, cosine: Array) -> Array:
     """What a patch's light has of its cosine (p,), NaN where it has not both crests and flanks."""
     on_crests = np.maximum((weight * cosine * cosine).sum(axis=1), 1e-9)
-    share = on_crests / np.maximum(weight.sum(axis=1), 1e-9)
     along = (weight * light * cosine).sum(axis=1)
     like = along**2 > _LIKE * on_crests * (weight * light * light).sum(axis=1)
-    tells = like & (np.abs(share - 0.5) < 0.5 - _BALANCE)
+    tells = like & (np.abs(on_crests / np.maximum(weight.sum(axis=1), 1e-9) - 0.5) < 0.5 - _BALANCE)
     return np.where(tells, along / on_crests, np.nan).astype(float)
 
 
 def neighbours(patches: Patches, terms: Array) -> list[Array]:
     """Patches' numbers (k,), their neighbours' a step on, what both say half-way, and its variance.
-
     By their own or their labelled `terms` (m, n, 6): both's terms half-way (k, 6), and the variance
-    of the difference of these.
-    """
+    of the difference of these."""
     pairs = []
     m, n = patches.chi.shape
     number = np.arange(m * n).reshape(m, n)
@@ -406,9 +389,7 @@ SURE_ENOUGH = 50.0
 @dataclass(frozen=True)
 class Labels:
     """For each patch (m, n): the field is sign n + shift; `part`, its connected part, -1 for none.
-
-    Within a part all is known but one sign and one whole number for the part.
-    """
+    Within a part all is known but one sign and one whole number for the part."""
 
     sign: NDArray[np.int8]
     shift: Array
@@ -451,10 +432,8 @@ def expected_terms(
     patches: Patches, labels: Labels, rows: Array, cols: Array, finer: int
 ) -> tuple[Array, Array]:
     """What a binned frame's patches say of the quadratics of a finer one, and their deviations.
-
     `rows` (m,), `cols` (n,), places in the binned frame, pixels, one of which is `finer` of the
-    finer frame's. The terms (m, n, 6) have the signs of the nearest patch's part, NaN: no good.
-    """
+    finer frame's. The terms (m, n, 6) have the signs of the nearest patch's part, NaN: no good."""
     near = nearest_patches(patches, rows, cols)
     i, j = near[0].ravel(), near[1].ravel()
     terms = labels.sign[near][..., None] * patches.terms[near]
@@ -494,8 +473,7 @@ def _carried(
     # n_before = s n + k, or n = s n_before + k: what is carried is field = sign n + shift
     sign, shift = np.ones(count, dtype=np.int8), np.zeros(count)
     sign[inner] = signs[place]
-    forward = before[inner] < inner
-    shift[inner] = np.where(forward, 1, -signs[place]) * shifts[place]
+    shift[inner] = np.where(before[inner] < inner, 1, -signs[place]) * shifts[place]
     # each patch leaps to where its leap led before, until all stand at their part's root
     while (before != before[before]).any():
         shift = shift[before] + sign[before] * shift
@@ -531,9 +509,7 @@ any: of that one it does not say the side."""
 @dataclass(frozen=True)
 class _Seam:
     """Least costly seam of a region `beyond` (m, n) that could be mirrored about n = crest/2.
-
-    `worse`, the sum over its edges of what mirroring would cost; `size`, that of their sizes.
-    """
+    `worse`, the sum over its edges of what mirroring would cost; `size`, that of their sizes."""
 
     crest: int
     beyond: Mask
@@ -562,10 +538,8 @@ def mend_mirrored(patches: Patches, labels: Labels) -> Labels:
 
 
 def zero_lines(order: Array, known: Sequence[ZeroPlace] = ()) -> int:
-    """The number of lines of N = 0 of which nothing known says that they are.
-
-    Each parts a region of positive signed `order` (m, n) from one of negative.
-    """
+    """The number of lines of N = 0 of which nothing known says that they are. Each parts a region
+    of positive signed `order` (m, n) from one of negative."""
     labels = np.zeros(order.shape, dtype=int)
     for side in (order > NOUGHT, order < -NOUGHT):
         regions_of, _ = label(side)
@@ -593,12 +567,10 @@ def _says(place: ZeroPlace, regions: Indices, line: frozenset[int]) -> bool:
 def open_seams(
     patches: Patches, terms: Array, points: Sequence[AnchorPatch], known: Sequence[ZeroPlace]
 ) -> list[tuple[int, Mask]]:
-    """Patches whose branch the light does not settle from where the order is known.
-
-    `terms` (m, n, 6) of the signed order, NaN = not known; `points`, where it is known; `known`,
-    where lines of N = 0 are. For each seam its crest (in half fringes) and the patches beyond it
-    (m, n), each patch once. Mirroring about n = 0 changes no order and is left out.
-    """
+    """Patches whose branch the light does not settle from where the order is known. `terms` (m, n,
+    6) of the signed order, NaN = not known; `points`, where it is known; `known`, where lines of N
+    = 0 are. For each seam its crest (in half fringes) and the patches beyond it (m, n), each patch
+    once. Mirroring about n = 0 changes no order and is left out."""
     order = terms[..., 0]
     unsure = np.zeros(terms.shape[:2], dtype=bool)
     result = []
@@ -629,10 +601,8 @@ def not_settled(
 def _seams(
     patches: Patches, terms: Array, points: Sequence[AnchorPatch] | None = None
 ) -> Iterator[_Seam]:
-    """The least costly seam of each region beyond each crest, seen from the points.
-
-    Without points that say a side of the crest, from the largest region.
-    """
+    """The least costly seam of each region beyond each crest, seen from the points. Without points
+    that say a side of the crest, from the largest region."""
     shape, order = terms.shape[:2], terms[..., 0].ravel()
     known = np.isfinite(order)
     if not known.any():
@@ -712,23 +682,18 @@ _FINEST = 0.2
 
 
 def contrast_of(terms: Array, blur: float, band: float = 0.0) -> Array:
-    """Contrast left of fringes of `terms` (..., 6): exp(-2 pi² (blur |∇N|² + band N²)).
-
-    `blur`, its variance, pixels²; `band`, variance of the wavenumber over its mean squared.
-    """
-    slope = np.hypot(terms[..., 1], terms[..., 2])
-    lost = blur * slope**2 + band * terms[..., 0] ** 2
+    """Contrast left of fringes of `terms` (..., 6): exp(-2 pi² (blur |∇N|² + band N²)). `blur`, its
+    variance, pixels²; `band`, variance of the wavenumber over its mean squared."""
+    lost = blur * np.hypot(terms[..., 1], terms[..., 2]) ** 2 + band * terms[..., 0] ** 2
     return np.asarray(np.exp(-0.5 * TURN**2 * lost))
 
 
 def coarse_to_fine(
     wave: Array, sigma: Array, valid: Mask, *, faded: bool = False
 ) -> tuple[Patches, Labels]:
-    """Patches and labels, each binning guiding the next finer one.
-
-    A small patch on a crest of wide fringes cannot tell on which side of it it lies; one four times
-    as wide can. Where fringes are too fine for it, binned patches fit badly and guide nothing.
-    """
+    """Patches and labels, each binning guiding the next finer one. A small patch on a crest of wide
+    fringes cannot tell on which side of it it lies; one four times as wide can. Where fringes are
+    too fine for it, binned patches fit badly and guide nothing."""
     expected: tuple[Array, Array] | None = None
     told: Array | None = None
     halved = (_COARSEST >> k for k in range(_COARSEST.bit_length()))
