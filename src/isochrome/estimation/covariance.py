@@ -59,9 +59,7 @@ def gradient_covariance(rows: Array, residual: Array, keep: Mask) -> Array:
 
 
 def positive_part(matrix: Array, scale: Array, least: float = 0.0) -> Array:
-    """A symmetric matrix (p, p) without what would make variances less: the directions whose
-    eigenvalue, in units of a scale, is not above the `least`.
-    """
+    """A symmetric matrix (p, p) less directions of eigenvalues, over a scale, up to `least`."""
     size = np.where(scale > 0.0, scale, 1.0)
     values, vectors = np.linalg.eigh(matrix / np.outer(size, size))
     part = (vectors * np.where(values > least, values, 0.0)) @ vectors.T
@@ -69,9 +67,7 @@ def positive_part(matrix: Array, scale: Array, least: float = 0.0) -> Array:
 
 
 def sandwich(inverse: Array, middle: Array) -> Array:
-    """Covariance N⁻¹ M N⁻¹ (..., p, p) of least squares whose weights are no inverse variances,
-    with M of the gradient. Source: White (1980), Econometrica 48, 817-838.
-    """
+    """Covariance N⁻¹ M N⁻¹ (..., p, p), M the gradient's: White (1980), Econometrica 48, 817."""
     return np.asarray(inverse @ middle @ inverse)
 
 
@@ -203,8 +199,7 @@ def _rest(blocks: Array, degree: int) -> Array:
     """Variance (blocks,) of what polynomials of a total degree leave in each block."""
     basis = _polynomials(degree)
     explained = np.square(blocks @ basis.T).sum(axis=1)
-    freedom = blocks.shape[1] - len(basis)
-    return np.asarray((np.square(blocks).sum(axis=1) - explained) / freedom)
+    return np.asarray((np.square(blocks).sum(axis=1) - explained) / (blocks.shape[1] - len(basis)))
 
 
 @lru_cache(maxsize=3)

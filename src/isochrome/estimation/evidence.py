@@ -46,12 +46,10 @@ _NEGLIGIBLE = 10.0
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """One way in which something is there.
-
-    `name`, of the thing; ways of one name exclude one another. `columns` (k,), its own among all;
-    `form` (k, r), the same array in ways of another `size`, and this, whose product is the `root` L
-    of its prior's covariance L L'; `log_odds` that it is there; `positive`, whether its one
-    amplitude is.
+    """One way in which something is there. `name`, of the thing; ways of one name exclude one
+    another. `columns` (k,), its own among all; `form` (k, r), the same array in ways of another
+    `size`, and this, whose product is the `root` L of its prior's covariance L L'; `log_odds` that
+    it is there; `positive`, whether its one amplitude is.
     """
 
     name: str
@@ -71,7 +69,6 @@ class Hypothesis:
 class Nuisance:
     """Something that may be there: its `columns` (k, n) at an image, their values `now` (k,); the
     ways of its prior, all `roots` in all `sizes`; `positive`, whether the first's amplitude is.
-
     `unknowns`, those of the fit that hold it where it is fitted, and `of_each` (k, unknowns), their
     change with it, by default one each; `weights`, 1/u^2 (c,) of its first columns, which the fit's
     own covariance has already; `exact`, whether no covariance is to hold it.
@@ -189,11 +186,9 @@ class Sets:
 @dataclass(frozen=True, kw_only=True)
 class Weighed:
     """What may be there, weighed about a fit: the `evidence`, what is `given` of it by number, with
-    the values `now` (k,) of all columns.
-
-    `along` (p, k), what a change of these changes the unknowns by, and `counted` (p, p), what the
-    fit's covariance has of them already; `noise`, its variance over what the data say; `judged`,
-    the sets where something else tells them apart.
+    the values `now` (k,) of all columns. `along` (p, k), what a change of these changes the
+    unknowns by, and `counted` (p, p), what the fit's covariance has of them already; `noise`, its
+    variance over what the data say; `judged`, the sets where something else tells them apart.
     """
 
     evidence: Evidence
@@ -323,8 +318,7 @@ class Evidence:
         below = half @ right
         each = [h.size * below[at] for h, at in zip(self.hypotheses, self.places, strict=True)]
         corner = np.array([[2.0 * sum(float(part @ part) for part in each)]])
-        products = half @ (half @ matrix).T
-        self._matrix = np.block([[products, below[:, None]], [below, corner]])
+        self._matrix = np.block([[half @ (half @ matrix).T, below[:, None]], [below, corner]])
         few = [k for k, place in enumerate(self.places) if len(place) <= _FEW]
         ends = np.cumsum([0, *(len(self.places[k]) for k in few)]).tolist()
         self._few = {k: range(*pair) for k, pair in zip(few, pairwise(ends), strict=True)}
@@ -362,9 +356,7 @@ class Evidence:
         return log + sum(self.hypotheses[k].log_odds for k in chosen)
 
     def posterior(self, chosen: Sequence[int]) -> tuple[Array, Array]:
-        """The means (r,) of a set's amplitudes, and the Cholesky factor of their inverse covariance
-        (r, r); of a positive one the mean of what is positive of it.
-        """
+        """Means (r,) of a set's amplitudes, and Cholesky's factor of their precision."""
         factor = np.linalg.cholesky(self._sized(chosen))
         half, white = factor[:-1, :-1], factor[-1, :-1]
         mean = solve_triangular(half.T, white, lower=False)
@@ -395,9 +387,7 @@ class Evidence:
         return np.array([flag for flags_of in flags for flag in flags_of], dtype=bool).reshape(-1)
 
     def _beside_large(self, large: tuple[int, ...]) -> tuple[Array, float]:
-        """What hypotheses of many amplitudes leave of the matrix of those of few, once for all sets
-        that have them; their own ln E.
-        """
+        """What hypotheses of many amplitudes leave of the matrix of few; their own ln E."""
         if large not in self._eliminated:
             matrix = self._sized((*large, *self._few))
             count = sum(len(self.places[k]) for k in large)
@@ -409,9 +399,7 @@ class Evidence:
 
 
 def weigh(evidence: Evidence, *, given: Sequence[int] = (), without: Collection[str] = ()) -> Sets:
-    """All likely sets with up to four members, found by changing one thing of the likeliest ones,
-    from none and from a `given` one; `without` the things of some names.
-    """
+    """All likely sets, by changing one thing of the likeliest, from none and from a `given` one."""
     found: dict[frozenset[int], float] = {frozenset(): 0.0}
     found[frozenset(given)] = evidence.of(tuple(given))
     layer = [*found]

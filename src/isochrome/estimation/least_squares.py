@@ -34,9 +34,8 @@ _CUTOFF = {4: 1e-6, 8: 1e-12}
 
 @dataclass(frozen=True)
 class Pixels:
-    """Pixels of a frame (n,): `raw`, fraction of full scale, and `weight` = 1/sigma.
-
-    `light`, what they are held against; `gamma`, the frame's exponent where it is not an unknown.
+    """Pixels of a frame (n,): `raw`, fraction of full scale, and `weight` = 1/sigma. `light`, what
+    they are held against; `gamma`, the frame's exponent where it is not an unknown.
     """
 
     raw: Array
@@ -125,8 +124,7 @@ class LinearPart:
         """How far the coefficients are from what is known of them, over what is expected: of as
         many as the data tell, beside those that may have any size.
         """
-        told = self.count - int(np.count_nonzero(self.weights == 0.0))
-        return sqrt(self.known / max(1, told))
+        return sqrt(self.known / max(1, self.count - int(np.count_nonzero(self.weights == 0.0))))
 
     @property
     def known(self) -> float:
@@ -154,9 +152,7 @@ class Minimum:
 
 
 def prepare(image: ArrayLike, *, mask: Mask | None, sigma: ArrayLike, light: LightModel) -> Pixels:
-    """Drop the masked pixels (None: those not finite), weight the rest by 1/sigma; InputError where
-    none is valid, or a sigma is not positive.
-    """
+    """Unmasked, finite pixels; InputError where none is, or a sigma is not positive."""
     frame = np.asarray(image, dtype=float)
     keep = np.isfinite(frame) if mask is None else np.asarray(mask, dtype=bool) & np.isfinite(frame)
     noise = np.broadcast_to(np.asarray(sigma, dtype=float), frame.shape)[keep]
@@ -186,7 +182,6 @@ def solve_linear(pixels: Pixels, signal: Array) -> LinearPart:
 
 def linear_costs(light: Array, dark: Array, data: Array, signals: Array) -> tuple[Array, Array]:
     """What the best light of each of m signals (m, n) leaves of k pictures, and its mean, (m, k).
-
     Of weighted pixels: bases `light` (ka, n) and `dark` (kc, n), pictures `data` (k, n). The cost
     is dᵀd - bᵀ G⁻¹ b, with G and b = (a columns, c columns)ᵀ d the normal equations of each signal.
     """
@@ -213,9 +208,7 @@ def linear_costs(light: Array, dark: Array, data: Array, signals: Array) -> tupl
 
 
 def scaled_inverse(matrix: Array, cutoff: float = 1e-12) -> Array:
-    """Pseudo-inverse of normal equations (k, k), whose units may differ by powers of ten: scaled to
-    a unit diagonal, without directions of an eigenvalue below the cutoff.
-    """
+    """Pseudo-inverse (k, k) by a unit diagonal, without eigenvalues below the cutoff."""
     from scipy.linalg.lapack import dpotri
 
     scale, scaled, factor = _factored(matrix, cutoff)
@@ -236,9 +229,7 @@ def scaled_solution(matrix: Array, right: Array, cutoff: float = 1e-12) -> Array
 
 
 def _factored(matrix: Array, cutoff: float) -> tuple[Array, Array, Array | None]:
-    """What gives a matrix a unit diagonal (k,), the matrix then, and Cholesky's lower factor of
-    it: None where a square of its diagonal, and so an eigenvalue, is below the cutoff.
-    """
+    """Scale (k,) to a unit diagonal, the matrix then, its Cholesky factor: None if small."""
     from scipy.linalg.lapack import dpotrf
 
     diagonal = np.sqrt(np.maximum(np.diag(matrix), 0.0))
@@ -339,9 +330,7 @@ def damped(normal: Array, damping: float) -> Array:
 def damped_step(
     normal: Array, gradient: Array, damping: float, free: Mask, *, cutoff: float = CUTOFF
 ) -> Array:
-    """The step of the free unknowns, of normal equations N and g, 0 for the others; `cutoff` as of
-    `scaled_inverse`.
-    """
+    """The step of the free unknowns, 0 for the others; `cutoff` as of `scaled_inverse`."""
     step = np.zeros(len(gradient))
     moved = np.flatnonzero(free)
     if moved.size:
@@ -399,9 +388,7 @@ EASED, STIFFENED = 0.2, 8.0
 
 
 def solve_all(matrices: Array, right: Array) -> Array:
-    """Solve m systems A x = b, (m, p, p) and (m, p, q); a singular one is NaN and leaves the others
-    alone.
-    """
+    """Solve m systems A x = b, (m, p, p) and (m, p, q); NaN for a singular one alone."""
     try:
         return np.asarray(np.linalg.solve(matrices, right))
     except np.linalg.LinAlgError:  # of one of them, and nothing is said of which
@@ -420,11 +407,10 @@ def minimise_all(
     steps: int,
     limits: tuple[float, float] = (0.0, np.inf),
 ) -> tuple[Array, State, Array]:
-    """Take damped steps of m problems at once, each where it lowers the problem's cost.
-
-    `at`: from values (m, p) to arrays (m, ...), the costs (m,) first; `equations`: from values and
-    these to N (m, p, p), which is damped in place, and g (m, p); `limits`: least and largest
-    damping λ. Returns where the steps ended: values, what `at` says there, λ (m,).
+    """Take damped steps of m problems at once, each where it lowers the problem's cost. `at`: from
+    values (m, p) to arrays (m, ...), the costs (m,) first; `equations`: from values and these to N
+    (m, p, p), which is damped in place, and g (m, p); `limits`: least and largest damping λ.
+    Returns where the steps ended: values, what `at` says there, λ (m,).
     """
     now, diagonal = at(values), np.arange(values.shape[-1])
     for _ in range(steps):

@@ -59,13 +59,11 @@ class Unevenness(NamedTuple):
 
 @dataclass(frozen=True)
 class LightModel:
-    """What a frame's light is a sum of: with `terms` of both, products of Legendre's P,
-
-    A = a(y, x) sum_k a_k P_i(y) P_j(x),    C = c_0 d(y, x) + sum_k c_k P_i(y) P_j(x).
-
-    The `first` ones may have any size; where it is `uneven`, others follow with a prior. `down`
-    (2 n + 1, rows) and `across` (2 n + 1, cols) are P_0 to P_2n, for the highest degree n; `dark`
-    and `bright` (rows, cols) no-load frames: d is the dark one, a the bright one less that.
+    """What a frame's light is a sum of: with `terms` of both, products of Legendre's P, A = a(y, x)
+    sum_k a_k P_i(y) P_j(x), C = c_0 d(y, x) + sum_k c_k P_i(y) P_j(x). The `first` ones may have
+    any size; where it is `uneven`, others follow with a prior. `down` (2 n + 1, rows) and `across`
+    (2 n + 1, cols) are P_0 to P_2n, for the highest degree n; `dark` and `bright` (rows, cols)
+    no-load frames: d is the dark one, a the bright one less that.
     """
 
     first: tuple[Terms, Terms]
@@ -129,8 +127,7 @@ class LightModel:
         """What no-load frames show of the illumination (rows, cols), float32."""
         if self.bright is None:
             return None
-        shade = self.bright if self.dark is None else self.bright - self.dark
-        return np.asarray(shade, np.float32)
+        return np.asarray(self.bright if self.dark is None else self.bright - self.dark, np.float32)
 
     def illumination(self, coefficients: Array, dtype: DTypeLike = np.float32) -> Array:
         """A (..., rows, cols) of coefficients (..., k)."""
@@ -230,8 +227,7 @@ class PixelLight:
 
     def products(self, rows: Array, lit: Array, weight: Array) -> Array:
         """Products (j, k) of rows (j, n) with the columns: A times `lit`, C times `weight` (n,)."""
-        parts = self._parts(*self._images(np.array([lit, weight])))
-        return self._with(parts, self._images(rows))
+        return self._with(self._parts(*self._images(np.array([lit, weight]))), self._images(rows))
 
     def of(self, coefficients: Array, dtype: DTypeLike = np.float32) -> tuple[Array, Array]:
         """A and C (n,) of coefficients (k,)."""
@@ -246,8 +242,7 @@ class PixelLight:
         parts = self._parts(lit, weight)
         at_once = max(1, _AT_ONCE // keep.size)
         for some in (rows[k : k + at_once] for k in range(0, len(rows), at_once)):
-            known = self._with(parts, self._images(some)) @ inverse
-            a, c = np.split(known, [self.split], axis=-1)
+            a, c = np.split(self._with(parts, self._images(some)) @ inverse, [self.split], axis=-1)
             explained = light.illumination(a) * lit
             explained += light.background(c) * weight
             for row, image in zip(some, explained, strict=True):
@@ -298,8 +293,7 @@ def frame_light(
     if terms is None:
         even = 1 if bright is not None and dark is None else EVEN
         terms = total_degree(UNEVEN if bright is None else 1), total_degree(even)
-    every = _all_terms(terms, uneven)
-    degree = max(degree for part in every for pair in part for degree in pair)
+    degree = max(degree for part in _all_terms(terms, uneven) for pair in part for degree in pair)
     ends = (np.linspace(-1.0, 1.0, n) if n > 1 else np.zeros(1) for n in shape)
     down, across = (np.polynomial.legendre.legvander(end, 2 * degree).T for end in ends)
     return LightModel(terms, down, across, dark, bright, uneven)
@@ -328,18 +322,14 @@ def light_sizes(terms: tuple[Terms, Terms], fall: float) -> list[float]:
 
 @lru_cache(maxsize=8)
 def light_basis(shape: tuple[int, int], terms: Terms) -> Array:
-    """Legendre products (k, rows, cols) of a frame's light, float32; the last ones are kept, and
-    cannot be written to.
-    """
+    """Legendre products (k, rows, cols) of a frame's light, float32, kept and read-only."""
     basis = frame_light(shape, terms=(terms, terms)).illumination(np.eye(len(terms)))
     basis.flags.writeable = False
     return basis
 
 
 def channel_light(rows: int, cols: int) -> Array:
-    """What a colour channel's light is a sum of, (6, rows, cols): 1, y, x, y², x², xy, with y and x
-    from -1 to 1 between the frame's edges.
-    """
+    """A colour channel's light (6, rows, cols): 1, y, x, y², x², xy, from -1 to 1."""
     y = (2.0 * np.arange(rows) + 1.0)[:, None] / rows - 1.0
     x = (2.0 * np.arange(cols) + 1.0)[None, :] / cols - 1.0
     y, x = np.broadcast_arrays(y, x)
@@ -351,11 +341,10 @@ TAKEN = 1e-6
 
 
 class ScoreProducts:
-    """Products of columns with each other and the residual, what is fitted taken off.
-
-    Of parts (local, fitted, columns, residual) of the data, all over the noise: derivatives (q, n)
-    by what is fitted to this part alone, such as a frame's light, (p, n) by what is fitted to all,
-    (k, n) by what is not, and the residual (n,). p and k are the same in all parts.
+    """Products of columns with each other and the residual, what is fitted taken off. Of parts
+    (local, fitted, columns, residual) of the data, all over the noise: derivatives (q, n) by what
+    is fitted to this part alone, such as a frame's light, (p, n) by what is fitted to all, (k, n)
+    by what is not, and the residual (n,). p and k are the same in all parts.
     """
 
     def __init__(self, parts: Iterable[tuple[Array, Array, Array, Array]]) -> None:
@@ -378,8 +367,7 @@ class ScoreProducts:
 
 def _taken_off(gram: Array, fitted: int) -> Array:
     """Products (k, k) of columns, less what the `fitted` first ones of (fitted + k) explain."""
-    cross = gram[:fitted, fitted:]
-    return np.asarray(gram[fitted:, fitted:] - cross.T @ _explained(gram, fitted))
+    return np.asarray(gram[fitted:, fitted:] - gram[:fitted, fitted:].T @ _explained(gram, fitted))
 
 
 def _explained(gram: Array, fitted: int) -> Array:

@@ -86,14 +86,11 @@ class FrameData(Observation):
         return replace(self, lamp=frame_light((rows, cols), dark, bright), **parts)
 
     def in_blocks(self, side: int) -> FrameData:
-        """Means over blocks of `side` by `side` pixels, an odd number, about every `side`-th one;
-        valid are those whose pixels all are.
-        """
+        """Means over blocks of `side` x `side` pixels, odd; valid where all their pixels are."""
         import cv2
 
         def mean(image: Array) -> Array:
-            blurred = cv2.blur(image.astype(np.float32), (side, side))
-            return np.asarray(blurred[::side, ::side])
+            return np.asarray(cv2.blur(image.astype(np.float32), (side, side))[::side, ::side])
 
         thin: dict[str, Any] = {name: mean(getattr(self, name)) for name in ("light", "raw")}
         for name in ("sigma", "raw_sigma"):
@@ -119,9 +116,8 @@ def observe(
     mask: Mask | None = None,
     noise: NoiseModel | None = None,
 ) -> Observation:
-    """Turn a frame's raw grey levels into light with its noise; InputError on a blank frame.
-
-    The noise is told from the frame itself where it is not known. A pixel's own is that of the grey
+    """Turn a frame's raw grey levels into light with its noise; InputError on a blank frame. The
+    noise is told from the frame itself where it is not known. A pixel's own is that of the grey
     level about it, a Gaussian mean in which the pixel counts for a fourteenth, not a ninth as in
     one over 3 x 3: a weight that follows the pixel's own noise pulls every fit to the dark side.
     """

@@ -14,7 +14,8 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+
+from isochrome.estimation.covariance import Array
 
 POOR_CHI = 1.3
 """Residual over noise beyond which the model does not describe a frame within its noise.
@@ -43,9 +44,6 @@ HALF = 0.5
 def is_explained(before: float, after: float, share: float) -> bool:
     """Whether chi² - 1, of residual over noise, fell below a share of what it was."""
     return after**2 - 1.0 < share * (before**2 - 1.0)
-
-
-Array = NDArray[Any]
 
 
 @dataclass(frozen=True)
@@ -125,9 +123,7 @@ NOISE = "image noise"
 
 
 def variance_shares(contributions: Array) -> Array:
-    """The part of a variance that each of some standard uncertainties is; 0 where nothing
-    contributes.
-    """
+    """The part of a variance that each standard uncertainty is; 0 where nothing contributes."""
     squares = np.square(np.asarray(contributions, dtype=float))
     total = float(squares.sum())
     return np.asarray(squares / total if total > 0.0 else squares)
@@ -136,11 +132,10 @@ def variance_shares(contributions: Array) -> Array:
 def less_explained(
     residual: Array, rows: Array, inverse: Array, held: Array, spread: Array
 ) -> Array:
-    """Take off residuals r (n,) what errors of inputs that a fit holds explain of them.
-
-    r - Hᵀ δ, δ = argmin |r - Hᵀ δ|² + Σ (δ/u)², H = `held` (m, n) less what the unknowns, `rows`
-    (p, n), follow; all over the noise. The inputs' own share of the uncertainty counts this, and
-    noise is what is left. Source: Tarantola (2005), Inverse problem theory, section 3.2, for δ.
+    """Take off residuals r (n,) what errors of inputs that a fit holds explain of them. r - Hᵀ δ, δ
+    = argmin |r - Hᵀ δ|² + Σ (δ/u)², H = `held` (m, n) less what the unknowns, `rows` (p, n),
+    follow; all over the noise. The inputs' own share of the uncertainty counts this, and noise is
+    what is left. Source: Tarantola (2005), Inverse problem theory, section 3.2, for δ.
     """
     if not len(held):
         return residual
@@ -154,9 +149,8 @@ def less_explained(
 def budgets_of(
     noise: Array, inputs: tuple[tuple[str, float, float], ...], sensitivity: Array
 ) -> tuple[tuple[BudgetInput, ...], ...]:
-    """The budget of each of some values (p,), empty without inputs (key, value, standard
-    uncertainty); `sensitivity` (p, m), the values' change over theirs, NaN where an input is none
-    of a value.
+    """Budgets of values (p,), none without inputs; `sensitivity` (p, m), NaN: not an input of a
+    value.
     """
     if not inputs:
         return ((),) * len(noise)
@@ -168,9 +162,7 @@ def budgets_of(
 
 
 def budget_items(rows: Sequence[BudgetRow]) -> tuple[BudgetInput, ...]:
-    """The budget of inputs, each its key, value, uncertainty and sensitivity; largest share first,
-    NaN shares where a part is not finite.
-    """
+    """The budget of inputs, the largest share first; NaN shares where a part is not finite."""
     parts = np.array([u * c for _, _, u, c in rows])
     shares = variance_shares(parts) if np.all(np.isfinite(parts)) else np.full(len(rows), np.nan)
     items = [

@@ -14,8 +14,7 @@ from .causes.score import LIGHT, ORDER, WIDTHS
 from .folder import fit_report, over_distance_figure, restore_fit, restore_values
 from .frame.frame_fit import FrameFit, fit_frame, placed, propagated
 from .frame.frame_model import FrameModel, clear_of_ends, local_model, solve_with_gamma
-from .frame.model_frame import ModelFrame, evaluate_model
-from .frame.renderer import SceneRenderer
+from .frame.renderer import ModelFrame, SceneRenderer, evaluate_model
 from .frame.single_state import (
     frame_distance,
     frame_scene,

@@ -46,7 +46,7 @@ from isochrome.fitting.joint.joint_fit import (
     solve_jointly,
     starting_values,
 )
-from isochrome.fitting.joint.normal_equations import measured_areas, refuse_scars, scar_messages
+from isochrome.fitting.joint.normal_equations import measured_areas, scar_messages
 from isochrome.fitting.result import Fit, Track, make_result, make_track, restored_track, track_row
 from isochrome.fitting.tracking.tracker import Apparatus, Tracker, find_apparatus
 from isochrome.fitting.tractions import invert_tractions, refuse_without_contact
@@ -83,7 +83,6 @@ Row = dict[str, Any]
 @dataclass(frozen=True)
 class FrameWork:
     """Fits frames of `data` for the unknowns of `sequence` that act in them, whoever calls it.
-
     `follow`: a frame is looked for where the last one was, and there alone; `as_stated`: nothing
     else is fitted. Where nothing ties the frames together, that is the fit: what a frame asks for
     is freed in it, and unknowns that it does not tell apart are refused.
@@ -95,10 +94,8 @@ class FrameWork:
     as_stated: bool = False
 
     def __call__(self, start: int, stop: int, last_values: Any = None) -> Results:
-        """Frames [start, stop), each from the scene, or from where the one before ended.
-
-        `last_values`, the last chunk's values where frames are followed. Raises InputError,
-        PhysicsError.
+        """Frames [start, stop), each from the scene, or from where the one before ended
+        (`last_values`).
         """
         rows = []
         for i, data in enumerate(self.data.some(start, stop), start):
@@ -148,7 +145,6 @@ class FrameWork:
 
     def _explained(self, extended: Freed[FrameSolution]) -> Freed[FrameSolution]:
         """What was freed, or the fit as stated where its unknowns are not told apart any more.
-
         Raises PhysicsError where they are not even then, in a frame that is all there is.
         """
         stated = extended.stated.fit
@@ -169,7 +165,6 @@ def _joint_stage(
     progress: Progress,
 ) -> tuple[Fit, JointFit]:
     """All frames together, from what each says on its own: the Fit and the JointFit behind it.
-
     Where nothing ties them together, their own fits are the result, and no frame is read again.
     PhysicsError for unknowns that the frames do not tell, or not apart.
     """
@@ -189,8 +184,7 @@ def _joint_stage(
         joint = fit_of_each(sequence, single_fits)
         notices = messages_of_frames(messages, single=sequence.count == 1)
         return make_result(joint, single_fits, None, (*notices, *_opposite_shears(joint))), joint
-    start = starting_values(sequence, single_fits)
-    now = solve_jointly(data, sequence, start, progress)
+    now = solve_jointly(data, sequence, starting_values(sequence, single_fits), progress)
     apart = _worn_apart(now)
     notes: tuple[str, ...] = ()
     joint = now.fit
@@ -380,7 +374,8 @@ def _sequence(
     sequence = make_sequence(placed(data.scene, data.shape), len(data), shared, per_frame)
     if not data.scene.scar:
         return sequence
-    refuse_scars(sequence)
+    if not sequence.run:  # its frames do not show the wear that a scar measures
+        raise InputError("scar_measured_one_run", name=sequence.scene.name)
     return replace(sequence, areas=measured_areas(data.scene))
 
 

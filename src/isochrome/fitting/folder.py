@@ -36,7 +36,7 @@ from isochrome.figures import (
     values_plots,
 )
 from isochrome.fitting.arrays import Array
-from isochrome.fitting.frame.model_frame import ModelFrame, evaluate_model
+from isochrome.fitting.frame.renderer import ModelFrame, evaluate_model
 from isochrome.fitting.frame_set import Lights, PreparedFrames
 from isochrome.fitting.joint.joint_fit import JointFit
 from isochrome.fitting.result import (
@@ -174,17 +174,15 @@ def _write_tractions(folder: Path, tractions: tuple[Tractions, ...]) -> None:
         known = np.concatenate([image[np.isfinite(image)] for image in stack])
         ends = float(known.min(initial=0.0)), float(known.max(initial=0.0))
         view = imagej_view(name, ends, labels=labels, **pixels.scale)
-        path = folder / f"{name}.tif"
-        write_tiff(path, np.stack(stack), pixel_mm=pixels.pixel_mm, metadata=view)
+        write_tiff(folder / f"{name}.tif", np.stack(stack), pixel_mm=pixels.pixel_mm, metadata=view)
 
 
 def write_track(run_folder: RunFolder, job: Job, result: Track, status: list[str]) -> None:
     """Leave a track's files in the folder of its run; `status` of each frame."""
     write_figure(run_folder.results / PICTURE, result.figure())
-    searched = result.over_frames.searched.astype(int).tolist()
     columns = {
         "chi": column(result.chi.tolist(), "frame", "chi"),
-        "searched": column(searched, "frame", "searched"),
+        "searched": column(result.over_frames.searched.astype(int).tolist(), "frame", "searched"),
         "status": column(status, "frame", "status"),
     }
     for j, key in enumerate(result.keys):
@@ -396,8 +394,7 @@ def _wear(axis: Axes, result: Fit) -> None:
         np.array([item[part] for item in between]) for part in ("value", "standard_uncertainty")
     )
     low, high = (np.repeat(value + sign * BAND * spread, 2) for sign in (-1.0, 1.0))
-    x = np.repeat(edges, 2)[1:-1]
-    axis.fill_between(x, low, high, color=GREY, alpha=0.35, lw=0)
+    axis.fill_between(np.repeat(edges, 2)[1:-1], low, high, color=GREY, alpha=0.35, lw=0)
     axis.stairs(value, edges, color=INK, lw=BOLD_PT, baseline=None, label="between frames")
     for law, colour, style in zip(
         result.wear_laws.laws, LINE_COLOURS[1:], ("--", "-.", ":", (0, (6, 1))), strict=False

@@ -24,11 +24,10 @@ _KEPT = 8
 
 
 class PreparedFrames:
-    """Prepared frames (rows, cols) of a path, which other processes may take.
-
-    `given`, the scene with their scale; `scene`, with their own distances too; `plain`, numbers of
-    those with one amplitude for all their light, `lights` of those with an uneven one; `noises`, by
-    how much more noise some have than they show; `outside` (rows, cols), pixels that are left out.
+    """Prepared frames (rows, cols) of a path, which other processes may take. `given`, the scene
+    with their scale; `scene`, with their own distances too; `plain`, numbers of those with one
+    amplitude for all their light, `lights` of those with an uneven one; `noises`, by how much more
+    noise some have than they show; `outside` (rows, cols), pixels that are left out.
     """
 
     def __init__(self, path: FramesLike, scene: Scene) -> None:
@@ -162,10 +161,9 @@ def refuse_states(path: FramesLike, count: int, scene: Scene) -> None:
 
 
 def refuse_alike(keys: tuple[str, ...], information: Array, known: tuple[str, ...] = ()) -> None:
-    """PhysicsError for unknowns (p,) that the frames' information (p, p) cannot tell apart.
-
-    `known` keys, whose uncertainty the scene states, are held: what it leaves uncertain in all
-    others together makes no two of them alike.
+    """PhysicsError for unknowns (p,) that the frames' information (p, p) cannot tell apart. `known`
+    keys, whose uncertainty the scene states, are held: what it leaves uncertain in all others
+    together makes no two of them alike.
     """
     unknown = [k for k, key in enumerate(keys) if key not in known]
     keys, information = tuple(keys[k] for k in unknown), information[np.ix_(unknown, unknown)]

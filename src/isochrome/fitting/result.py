@@ -319,10 +319,7 @@ def _warnings(joint: JointFit, single_fits: list[FrameFit]) -> list[str]:
 
 
 def fitted_scene(scene: Scene, shared: Found, per_frame: list[Found]) -> Scene:
-    """The scene with values of frames that were fitted each on its own: their means.
-
-    Friction becomes a table over distance, which says itself what it was before.
-    """
+    """The scene with the means of frames' own values; friction as a table over distance."""
     values: dict[str, Any] = {key: estimate["value"] for key, estimate in shared.items()}
     for key in keys_of(per_frame):
         series = [
@@ -448,10 +445,9 @@ def make_track(
     rows: Iterable[Mapping[str, Any]], keys: tuple[str, ...], scene: Scene,
     said: tuple[str, ...] = (),
 ) -> Track:  # fmt: skip
-    """The track of frames' rows, see `track_row`; `said`, what is to be said of all frames.
-
-    Rows are let go one by one: hours of video are some megabytes. Raises PhysicsError where none
-    tells any value.
+    """The track of frames' rows, see `track_row`; `said`, what is to be said of all frames. Rows
+    are let go one by one: hours of video are some megabytes. Raises PhysicsError where none tells
+    any value.
     """
     table = columns_of(rows)
     parts = _track_parts(keys, lambda key, part: table[column_name(key, part)])

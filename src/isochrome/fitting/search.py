@@ -32,15 +32,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from isochrome.errors import InputError, PhysicsError
-from isochrome.estimation import (
-    FrameData,
-    Minimum,
-    Prior,
-    channel_light,
-    linear_costs,
-    no_prior,
-    prepare,
-)
+from isochrome.estimation import FrameData, Prior, channel_light, linear_costs, no_prior, prepare
 from isochrome.fitting.arrays import Array, Mask
 from isochrome.fitting.frame.far_model import FarModel
 from isochrome.fitting.frame.renderer import scene_optics
@@ -76,9 +68,8 @@ _FRICTION = 0.2
 
 @dataclass(frozen=True)
 class Rung:
-    """A solved contact at a `load` (N).
-
-    Its stress difference (rows, cols), MPa: `even`, and `odd`, by one of friction or Q/P.
+    """A solved contact at a `load` (N). Its stress difference (rows, cols), MPa: `even`, and `odd`,
+    by one of friction or Q/P.
     """
 
     load: float
@@ -103,9 +94,7 @@ def shears_to(limit: float) -> Array:
 
 
 def rungs(scene: Scene, pixels: PixelGrid, loads: Sequence[float]) -> Iterator[Rung]:
-    """The rungs of a one-state scene on some pixels, its contact coarse; PhysicsError where none
-    can be solved, with the last one's reason.
-    """
+    """The rungs of a scene, its contact coarse; PhysicsError where none is solved."""
     held, sliding = is_held(scene), scene.friction is not None
     shear = scene.friction_at(0.0) if sliding else 0.0  # a friction, or Q/P, to solve contacts with
     if held:
@@ -168,10 +157,7 @@ _BULK_FRINGES, _SLOPE_FRINGES = np.arange(-12, 13) / 3.0, np.arange(-3, 4) / 2.0
 
 @dataclass(frozen=True)
 class Settled:
-    """Where a start came to rest: `scene`, `values` (p,), `chi`; `gain`, light over noise.
-
-    Not `positive`: the light is none.
-    """
+    """Where a start came to rest; `gain`, light over noise; not `positive`: the light is none."""
 
     scene: Scene
     values: Array
@@ -188,11 +174,6 @@ class Settled:
     def found(self) -> bool:
         """The same in light so clear that nothing else does."""
         return self.close and self.gain >= CLEAR
-
-    @property
-    def minimum(self) -> Minimum:
-        """Its values and chi."""
-        return Minimum(self.values, self.chi)
 
 
 def settle_frame(
@@ -227,7 +208,6 @@ def search_frame(
     cold: bool = True,
 ) -> tuple[Settled, ...]:
     """The values that a frame's fringes may have come from: with light first, by rising chi.
-
     `scene`, one state with its place written out; `cold`, whether load, friction and bulk stress
     may be far off, so that what the scene's own values lead to may be wrong: without, or where they
     led to the noise, no others are tried. InputError for a key that is no number in the scene,
@@ -322,9 +302,7 @@ class _Lattice:
         return self.scene.with_values(values)
 
     def rivals(self, scene: Scene) -> list[Scene]:
-        """A fringe pattern's nearest rivals, a fringe of bulk stress away: far from the contact
-        that adds a constant.
-        """
+        """Rivals a fringe of bulk stress away: far from the contact that adds a constant."""
         if BULK not in self.keys:
             return []
         return [
@@ -449,12 +427,11 @@ def search_picture(
     fields: Sequence[str] = ("dark", "bright"),
     gammas: Sequence[float] = _GAMMAS,
 ) -> tuple[PictureStart, ...]:
-    """How a picture of a sliding contact may lie, and where its contact is: by rising chi.
-
-    `data`, as captured; `scene`, one state: bodies, light, camera.pixel_mm; its load is within a
-    factor of three, its friction any number, its place is not looked at. `turns`, `fields` and
-    `gammas` are tried of a picture mirrored by `flip`. PhysicsError where the contact cannot be
-    solved at any load near the scene's, or nothing in the picture follows a contact's fringes.
+    """How a picture of a sliding contact may lie, and where its contact is: by rising chi. `data`,
+    as captured; `scene`, one state: bodies, light, camera.pixel_mm; its load is within a factor of
+    three, its friction any number, its place is not looked at. `turns`, `fields` and `gammas` are
+    tried of a picture mirrored by `flip`. PhysicsError where the contact cannot be solved at any
+    load near the scene's, or nothing in the picture follows a contact's fringes.
     """
     placed = scene.with_values({LEFT: 0.0, TOP: 0.0})
     windows: list[_Window] = []
@@ -477,9 +454,7 @@ def search_picture(
 
 @dataclass(frozen=True)
 class _Window:
-    """What leaves a `share` of a picture's variation: a place on the lattice of windows, loads and
-    frictions, `at` (4,), and its `values`.
-    """
+    """What leaves a `share` of a picture's variation, `at` (4,) of a lattice."""
 
     share: float
     lying: Lying

@@ -96,10 +96,7 @@ class Smoothness(Prior):
 
 
 class TractionModel(FarModel):
-    """A frame whose unknowns are `keys`, and hats' halves (a, b), at multiples of a spacing.
-
-    `rest`, where it came to rest.
-    """
+    """A frame whose unknowns are `keys`, and hats' halves (a, b), at multiples of a spacing."""
 
     rest: RefinedFit
 
@@ -146,7 +143,14 @@ class TractionModel(FarModel):
             np.r_[self.limits.low, np.zeros(self.count)],
             np.r_[self.limits.high, np.full(self.count, np.inf)],
         )
-        self.curvature = self._curvature()
+        # K of c'Kc = ∫ p''² + q''² dx over runs of nodes (m, m), (MPa/mm²)² mm; nothing is asked at
+        # the ends of a run: the pressure of a contact leaves its edge steeply
+        n, joined = len(nodes_mm), np.diff(self._at) == 1
+        middle = np.flatnonzero(joined[1:] & joined[:-1]) + 1
+        second = (np.eye(n, k=-1) - 2.0 * np.eye(n) + np.eye(n, k=1))[middle]
+        square, m = second.T @ second / spacing_mm**3, FRICTION_LIMIT**2
+        halves = np.kron([[1.0 + m, 1.0 - m], [1.0 - m, 1.0 + m]], square)
+        self.curvature = np.pad(halves, (len(keys), 0))
         # at first a contact's own pressure, of ∫ p''² = 2 p_max²/half³ or so, is one deviation off
         half = 0.5 * (surface.edges_mm[1] - surface.edges_mm[0])
         self.smooth(0.5 * half**3 / surface.p_max_mpa**2)
@@ -193,19 +197,6 @@ class TractionModel(FarModel):
         matrix = damped(local.normal, damping)
         return with_signs(matrix, matrix @ values + pull, len(self.keys)) - values
 
-    def _curvature(self) -> Array:
-        """K of c'Kc = ∫ p''² + q''² dx over runs of nodes (m, m), (MPa/mm²)² mm.
-
-        Nothing is asked at the ends of a run: the pressure of a contact leaves its edge steeply.
-        """
-        n = len(self.nodes_mm)
-        joined = np.diff(self._at) == 1
-        middle = np.flatnonzero(joined[1:] & joined[:-1]) + 1
-        second = (np.eye(n, k=-1) - 2.0 * np.eye(n) + np.eye(n, k=1))[middle]
-        square, m = second.T @ second / self.spacing_mm**3, FRICTION_LIMIT**2
-        halves = np.kron([[1.0 + m, 1.0 - m], [1.0 - m, 1.0 + m]], square)
-        return np.pad(halves, (len(self.keys), 0))
-
     @property
     def chi(self) -> float:
         """Residual over noise, where it came to rest."""
@@ -230,13 +221,9 @@ class TractionModel(FarModel):
 
     def patches(self) -> list[tuple[float, float]]:
         """Ends (mm) of what is pressed more than noise explains; PhysicsError: nothing is."""
-        n, first, x, beside = (
-            len(self.nodes_mm),
-            len(self.keys),
-            self.nodes_mm,
-            2.0 * self.spacing_mm,
-        )
-        values, cover, result = self.rest.values, self.covariance(self.free), []
+        n, first, x = len(self.nodes_mm), len(self.keys), self.nodes_mm
+        values, cover, beside = self.rest.values, self.covariance(self.free), 2.0 * self.spacing_mm
+        result = []
         for i, j in node_runs(self.tractions(values)[0] > 0.0, x):
             weight = np.zeros(len(cover))
             weight[first:].reshape(2, n)[:, i:j] = 1.0
@@ -366,13 +353,12 @@ class Tractions:
 
     def to_json(self) -> dict[str, Any]:
         """The resultants and how sure they are, for the command's JSON."""
-        smooth = {key.removeprefix("load."): self.scene.get(key) for key in SMOOTH_KEYS}
         return {
             "load_n": asdict(self.load_n),
             "tangential_n": asdict(self.tangential_n),
             "chi": self.chi,
             "top_mm": self.pixels.top_mm,
-            **smooth,
+            **{key.removeprefix("load."): self.scene.get(key) for key in SMOOTH_KEYS},
             "regularisation_mm3_per_mpa2": self.regularisation,
             **warnings_json(self.warnings),
         }
@@ -399,7 +385,6 @@ class Tractions:
 
 def invert_tractions(data: FrameData, *scenes: Scene, free_top: bool = False) -> Tractions:
     """Pressure and shear on the surface of a contact from one frame, without a contact model.
-
     `scenes`, one state each, that may be near, the first one first: it gives optics, place and
     smooth stress; `free_top`, whether the surface's place in the picture is found too. InputError
     where a scene is no contact, PhysicsError where the frame shows no load.
@@ -418,8 +403,7 @@ def invert_tractions(data: FrameData, *scenes: Scene, free_top: bool = False) ->
     values, scene, n, m = model.rest.values, model.found_scene, len(model.nodes_mm), FRICTION_LIMIT
     pressure, shear = model.tractions(values)
     to = np.pad(np.kron([[1.0, 1.0], [m, -m]], np.eye(n)), ((0, 0), (len(model.keys), 0)))
-    every = np.ones(len(values), bool)
-    spread = np.sqrt(np.diag(to @ model.covariance(every) @ to.T))
+    spread = np.sqrt(np.diag(to @ model.covariance(np.ones(len(values), bool)) @ to.T))
     cover = to @ model.covariance(model.free) @ to.T
     assert scene.specimen.thickness_mm is not None
     width = model.spacing_mm * scene.specimen.thickness_mm

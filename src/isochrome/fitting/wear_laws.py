@@ -59,9 +59,8 @@ class LawFit:
 @dataclass(frozen=True)
 class Law:
     """A family of courses: `wear`, its parameters (m,) to [wear] values; `names` and `start` (m,).
-
-    Parameters are logarithms; `prior` (m,) their Gaussian prior's standard deviation about
-    `start`, inf for a flat one.
+    Parameters are logarithms; `prior` (m,) their Gaussian prior's standard deviation about `start`,
+    inf for a flat one.
     """
 
     name: str
@@ -72,10 +71,9 @@ class Law:
 
 
 def segments(sequence: Sequence) -> Sequence | None:
-    """The same frames with a wear coefficient between each two, by Archard's law.
-
-    Of many frames some neighbours share one. None where fewer than two frames are worn, or the
-    coefficient is not free: then no law can be told.
+    """The same frames with a wear coefficient between each two, by Archard's law. Of many frames
+    some neighbours share one. None where fewer than two frames are worn, or the coefficient is not
+    free: then no law can be told.
     """
     frames = sorted(
         {i for u in sequence.unknowns if u.key == WEAR for i in u.frames},
@@ -104,7 +102,6 @@ def compare_laws(
     sequence: Sequence, values: Array, information: Array, *, cost: float, freedom: int
 ) -> tuple[LawFit, ...]:
     """The wear laws by falling evidence; 'running_in' is Archard's with a linear coefficient.
-
     `cost`, sum of squared residuals over noise, of `freedom` pixels. The prior of a running-in's
     ratio is a factor of e, that of its distance one about the worn distances' geometric mean.
     """
@@ -127,9 +124,8 @@ def _laws(sequence: Sequence, values: Array) -> list[Law]:
     def plain(law: str) -> Law:
         scene = sequence.whole(values).with_values({"wear.law": law, WEAR: mean})
         ratio = float(np.sum(coefficients) / np.sum(mean_coefficients(scene, ends)))
-        start = np.array([np.log(mean * ratio)])
         return Law(
-            law, (WEAR,), start, np.array([np.inf]),
+            law, (WEAR,), np.array([np.log(mean * ratio)]), np.array([np.inf]),
             lambda t: {"wear.law": law, WEAR: float(np.exp(t[0]))},
         )  # fmt: skip
 
@@ -164,9 +160,8 @@ def segment_ends(sequence: Sequence) -> Array:
 def _fit_law(
     law: Law, sequence: Sequence, values: Array, information: Array, *, cost: float, freedom: int
 ) -> LawFit:
-    """A law through the values that the frames say, its ln Z but for a constant.
-
-    The friction moves with the law's parameters: a law weighs what it would take to change it.
+    """A law through the values that the frames say, its ln Z but for a constant. The friction moves
+    with the law's parameters: a law weighs what it would take to change it.
     """
     widened = max(1.0, cost / freedom)
     ends, count = segment_ends(sequence), len(law.names)
@@ -198,14 +193,13 @@ def _fit_law(
     log_z -= float(np.log(narrow).sum())
     spread = np.sqrt(np.diag(np.linalg.inv(best.normal)))[:count].tolist()
     value = np.exp(best.unknown[:count]).tolist()
-    between = values[segment] + (best.here / size)[len(friction) :]
     return LawFit(
         law=law.name,
         parameters={
             name: {"value": v, "standard_uncertainty": v * u}
             for name, v, u in zip(law.names, value, spread, strict=True)
         },
-        between=tuple(between.tolist()),
+        between=tuple((values[segment] + (best.here / size)[len(friction) :]).tolist()),
         misfit=best.distance,
         freedom=len(segment) - len(law.names),
         chi=float(np.sqrt((cost + widened * best.distance) / freedom)),
@@ -214,9 +208,8 @@ def _fit_law(
 
 
 def marginal(information: Array, selected: list[int]) -> tuple[Array, Array]:
-    """What is known of `selected` unknowns whatever the others are: N_kk - N_kr N_rr^-1 N_rk.
-
-    Times `size`, (k, k), and that `size` (k,), with which the information's diagonal is one.
+    """What is known of `selected` unknowns whatever the others are: N_kk - N_kr N_rr^-1 N_rk. Times
+    `size`, (k, k), and that `size` (k,), with which the information's diagonal is one.
     """
     others = [k for k in range(len(information)) if k not in selected]
     size = np.sqrt(np.maximum(np.diag(information), 1e-300))
@@ -232,9 +225,8 @@ def marginal(information: Array, selected: list[int]) -> tuple[Array, Array]:
 
 @dataclass(frozen=True)
 class CurvePlace:
-    """A place `unknown` u (m,) on a curve c, as of `nearest_point`.
-
-    `here`, c(u) (k,); `distance`, c^T N c; `cost`, with the prior's part; `normal`, J^T N J + Λ.
+    """A place `unknown` u (m,) on a curve c, as of `nearest_point`. `here`, c(u) (k,); `distance`,
+    c^T N c; `cost`, with the prior's part; `normal`, J^T N J + Λ.
     """
 
     unknown: Array
@@ -253,7 +245,6 @@ def nearest_point(
     precision: Array,
 ) -> CurvePlace:
     """The point of a curve c (m,) -> (k,) with least c(u)^T N c(u) + (u - u0)^T Λ (u - u0).
-
     `centre` u0 and `precision`, the diagonal of Λ, of the prior; `steps` (m,), of differences.
     """
     from scipy.optimize import least_squares
@@ -299,8 +290,7 @@ class WearLaws:
         worn = [k for k, u in enumerate(free.unknowns) if u.key == WEAR]
         names = ("from_m", "to_m", "value", "standard_uncertainty")
         columns = [0.0, *ends[:-1]], ends, free.values[worn], free.standard_uncertainty[worn]
-        rows = np.array(columns).T.tolist()
-        between = tuple(dict(zip(names, row, strict=True)) for row in rows)
+        between = tuple(dict(zip(names, row, strict=True)) for row in np.array(columns).T.tolist())
         assert free.information is not None
         cost, freedom = free.cost, free.freedom
         laws = compare_laws(

@@ -60,12 +60,11 @@ COSINES = 8
 
 @dataclass(frozen=True, kw_only=True)
 class SolvedFrame:
-    """A frame where a fit ended, be it of this frame or of several.
-
-    `data`, as it was fitted; its `scene`, one state with the fitted values; `pixels` that were
-    fitted, their solution `gamma_fit`, and the `renderer` of them; `rows` (d, pixels), weighted
-    derivatives along the directions that the frame was moved in, and `along` (d, p + m), what one
-    unit of each of the p `unknowns`, and then of the m inputs that are held, makes of them.
+    """A frame where a fit ended, be it of this frame or of several. `data`, as it was fitted; its
+    `scene`, one state with the fitted values; `pixels` that were fitted, their solution
+    `gamma_fit`, and the `renderer` of them; `rows` (d, pixels), weighted derivatives along the
+    directions that the frame was moved in, and `along` (d, p + m), what one unit of each of the p
+    `unknowns`, and then of the m inputs that are held, makes of them.
     """
 
     data: FrameData
@@ -80,7 +79,6 @@ class SolvedFrame:
 
 class FrameBlocks:
     """Blocks of a frame (n,): `residual` over its noise, `rows` of the unknowns (p, n).
-
     `light_rows` (l, n), of its own light, and `light_values` (l,); `outliers` (rows/3, cols/3),
     those that no noise explains; `beside` (rows/3, cols/3), those beside a contact's surface;
     `excess`, the variance of what is left over the noise's.
@@ -119,7 +117,13 @@ class FrameBlocks:
         self.rows, self._held = np.split(every, [solved.unknowns])
         lines = (line_noise(keep, gamma_fit.residual, axis) for axis in (0, 1))
         self._own = [1.0 - max(1.0, variance) ** -0.5 for variance in lines]
-        self.excess = _excess(keep, trust * gamma_fit.residual, self._own)
+        # what is smooth is no noise of single pixels: neither where the model is wrong, nor where a
+        # picture was compressed; lines' own noise is taken off first
+        values = trust[None] * gamma_fit.residual
+        for axis, share in enumerate(self._own):
+            values = less_means(values, np.nonzero(keep)[1 - axis], share)
+        size = float(np.mean(np.square(values), dtype=float))
+        self.excess = max(1.0, size * block_correlation(keep, values[0]))
         self._depth = np.arange(len(keep))[:, None] - np.argmax(keep, axis=0)
         beside = self._depth[::BLOCK, ::BLOCK] < SHADOW_BLOCKS * side
         self.beside = beside if self.scene.is_contact else None
@@ -140,7 +144,6 @@ class FrameBlocks:
 
     def part(self, columns: Array) -> tuple[Array, Array, Array, Array]:
         """`light_rows`, `rows`, some `columns` (k, n) that are not fitted, and the residual (n,).
-
         Of each row and column a part of the mean is taken off all of them, the larger the more
         noise it has of its own: what is left is as if of independent pixels.
         """
@@ -175,10 +178,9 @@ class FrameBlocks:
         )
 
     def columns(self, cause: Cause) -> Array:
-        """Weighted derivatives of the model by a cause's keys (k, n).
-
-        An even one's is its effect over the square of its size; of plates that are turned alike,
-        and behind it the slope by the first alone, which has one.
+        """Weighted derivatives of the model by a cause's keys (k, n). An even one's is its effect
+        over the square of its size; of plates that are turned alike, and behind it the slope by the
+        first alone, which has one.
         """
         if cause.stated:
             return self._held
@@ -238,7 +240,14 @@ class FrameBlocks:
             there = self.scene.with_values({key: value + step})
             field = self._renderer.whole(there, self._renderer.field_alone(there))
             return self._turned((np.nan_to_num(self.thin(field)) - self._fields[0]) / step)
-        return self._moved_column(key)
+        # by the picture's slope, and where the pixels look then: lens, scale and place
+        step = STEP * (value if key == PIXEL else 60.0 if key == LENS[0] else 1.0)
+        before, after = (
+            self._places(self.scene.with_values({key: at})) for at in (value, value + step)
+        )
+        down, across = self._slopes
+        change = across * (after[0] - before[0]) + down * (after[1] - before[1])
+        return np.asarray(change * self._gain / (self.scene.get(PIXEL) * step))
 
     @cached_property
     def _by_field(self) -> tuple[Array, Array]:
@@ -259,8 +268,7 @@ class FrameBlocks:
 
     def traction_columns(self) -> Array:
         """By the hats of `modes` (k, n)."""
-        images = self.modes.fields(self._grid)
-        return np.array([self._turned(self.pick(image)) for image in images])
+        return np.array([self._turned(self.pick(image)) for image in self.modes.fields(self._grid)])
 
     @cached_property
     def order_waves(self) -> Array:
@@ -297,17 +305,6 @@ class FrameBlocks:
         x, z = (np.broadcast_to(v, self._chosen.shape)[self._chosen] for v in grid.places)
         return x, z
 
-    def _moved_column(self, key: str) -> Array:
-        """By the picture's slope, and where the pixels look then: lens, scale and place."""
-        start = float(self.scene.get(key) or 0.0)
-        step = STEP * (start if key == PIXEL else 60.0 if key == LENS[0] else 1.0)
-        before, after = (
-            self._places(self.scene.with_values({key: value})) for value in (start, start + step)
-        )
-        down, across = self._slopes
-        change = across * (after[0] - before[0]) + down * (after[1] - before[1])
-        return np.asarray(change * self._gain / (self.scene.get(PIXEL) * step))
-
     def _signal(self, scene: Scene) -> Array:
         """The signal at the blocks for a scene's own optics."""
         field, shown = self._fields
@@ -324,19 +321,6 @@ def less_means(values: Array, lines: Array, share: float) -> Array:
     there = csr_array((np.ones(len(lines)), (np.arange(len(lines)), lines)))
     part = (share / np.maximum(count, 1) * (values @ there)).astype(values.dtype)
     return np.asarray(values - part.take(lines, axis=1))
-
-
-def _excess(keep: Mask, residual: Array, own: list[float]) -> float:
-    """Variance of the residuals' sums over blocks of pixels, over the noise's, 1 at least.
-
-    What is left and smooth is no noise of single pixels: neither where the model is wrong, nor
-    where a picture was compressed. Lines' own noise is taken off first.
-    """
-    values = residual[None]
-    for axis, share in enumerate(own):
-        values = less_means(values, np.nonzero(keep)[1 - axis], share)
-    size = float(np.mean(np.square(values), dtype=float))
-    return max(1.0, size * block_correlation(keep, values[0]))
 
 
 def outliers(image: Array, chosen: Mask) -> Mask:
@@ -374,5 +358,4 @@ def block_sums(image: Array, side: int) -> Array:
     """Sums over `side` x `side` pixels, an odd number, about every `side`-th one."""
     from scipy.ndimage import uniform_filter
 
-    mean = uniform_filter(image, side, mode="constant")
-    return np.asarray(mean[::side, ::side] * side**2)
+    return np.asarray(uniform_filter(image, side, mode="constant")[::side, ::side] * side**2)

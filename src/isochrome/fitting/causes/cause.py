@@ -25,12 +25,11 @@ RARE = 0.1
 
 @dataclass(frozen=True)
 class Cause:
-    """Something that a scene may leave out: its `name`, the `keys` that hold it.
-
-    `sizes`, the standard deviations that usual benches have, in the keys' units; of a modulus, the
-    fringe value and the pixel a share of it. `free`, False where the frame cannot tell it from what
-    it is told: then it is a suspect, and stays as it is. `even`, whether it enters by its square.
-    `values`, those of the scene where it states the keys itself, with the sizes as uncertainties.
+    """Something that a scene may leave out: its `name`, the `keys` that hold it. `sizes`, the
+    standard deviations that usual benches have, in the keys' units; of a modulus, the fringe value
+    and the pixel a share of it. `free`, False where the frame cannot tell it from what it is told:
+    then it is a suspect, and stays as it is. `even`, whether it enters by its square. `values`,
+    those of the scene where it states the keys itself, with the sizes as uncertainties.
     """
 
     name: str
@@ -52,9 +51,7 @@ class Cause:
 
     @property
     def starts(self) -> tuple[float, ...]:
-        """Where a fit of the keys begins: an even cause, which looks the same with either sign, has
-        no slope at nought.
-        """
+        """Where a fit of the keys begins: an even cause has no slope at nought."""
         if self.even:
             return self.sizes
         return self.values or tuple(_STARTS.get(key, 0.0) for key in self.keys)
@@ -105,7 +102,6 @@ def candidates(
     scene: Scene, keys: tuple[str, ...], held: StatedInputs, *, past: bool = False
 ) -> tuple[Cause, ...]:
     """The causes that a scene can have, with those of their keys that are not unknowns already.
-
     What is `held` and has a stated uncertainty is one cause, its values together: a frame that the
     stated values contradict tells which combinations of them are right, and the priors the others.
     `past`, whether nothing else than a frame says what friction there was before.

@@ -35,7 +35,6 @@ _LEAST = 1e-4
 @dataclass(frozen=True)
 class TractionModes:
     """Hats of pressure and shear on `nodes_mm` (n,), `spacing_mm` apart, the outermost nought.
-
     `half_width_mm`, of the contact; `largest_mpa`, its pressure; `friction`, mu.
     """
 
@@ -58,12 +57,10 @@ class TractionModes:
         kernel -= np.outer(sums, sums) / sums.sum()
         values, vectors = np.linalg.eigh(kernel)
         chosen = values > _LEAST * values[-1]
-        one = self.largest_mpa * vectors[:, chosen] * np.sqrt(values[chosen])
-        return np.kron(np.eye(2), one)
+        return np.kron(np.eye(2), self.largest_mpa * vectors[:, chosen] * np.sqrt(values[chosen]))
 
     def fields(self, grid: PixelGrid) -> Array:
         """(sigma_x - sigma_z) + 2i tau_xz (2 (n - 2), rows, cols) of unit hats at pixels' middles.
-
         Where the pixels look without a lens: what it moves these by is a change of a change.
         """
         pitch = grid.pixel_mm
@@ -105,7 +102,6 @@ class TractionModes:
 
 def traction_modes(scene: Scene, surface: SurfaceState, pitch_mm: float) -> TractionModes:
     """The hats about a contact: on the nodes that its scene has already, or on new ones.
-
     `pitch_mm`, of the pixels that their stress is wanted at: a whole number of spacings, or one of
     them, is a whole number of the other.
     """
@@ -116,8 +112,7 @@ def traction_modes(scene: Scene, surface: SurfaceState, pitch_mm: float) -> Trac
         nodes = np.array(added.x_mm)
         spacing = float(nodes[1] - nodes[0])
     else:
-        wanted = _REACH * width / (_NODES - 1)
-        steps = wanted / pitch_mm
+        steps = _REACH * width / (_NODES - 1) / pitch_mm
         spacing = pitch_mm * max(1, round(steps)) if steps >= 0.7 else pitch_mm / round(1.0 / steps)
         half = int(np.ceil(0.5 * _REACH * width / spacing))
         nodes = middle + spacing * np.arange(-half, half + 1)

@@ -36,9 +36,8 @@ said for what it changes alone."""
 
 
 def cause_messages(freed: Freed[Any], *, light: bool = True) -> tuple[str, ...]:
-    """What was freed in one frame, or in several together, and what is suspected and cannot be.
-
-    A sentence for the causes, for richer `light` where it is to be told, for what was left out, and
+    """What was freed in one frame, or in several together, and what is suspected and cannot be. A
+    sentence for the causes, for richer `light` where it is to be told, for what was left out, and
     for suspects; one alone for a slip in the scene.
     """
     if freed.slip is not None:
@@ -63,10 +62,7 @@ def cause_messages(freed: Freed[Any], *, light: bool = True) -> tuple[str, ...]:
 
 
 def rival_causes(freed: Freed[Any]) -> dict[str, tuple[str, ...]]:
-    """What may be there instead of the causes that were freed, by the name of the freed one.
-
-    Nothing for one that is there with a chance of 0.9.
-    """
+    """What may be there instead of freed causes, by name, below a chance of 0.9."""
     if freed.slip is not None or freed.asked is None:
         return {}
     sets, result = freed.asked.sets, dict[str, tuple[str, ...]]()
@@ -89,10 +85,9 @@ def rival_causes(freed: Freed[Any]) -> dict[str, tuple[str, ...]]:
 
 
 def light_matters(freed: Freed[Any]) -> bool:
-    """Whether richer light changes a value of a frame, or its uncertainty, noticeably.
-
-    A value moves by half a per cent and more than four of its uncertainties, or its uncertainty is
-    half a per cent of it and grows by half: of places by the pixel, of a friction by a tenth.
+    """Whether richer light changes a value of a frame, or its uncertainty, noticeably. A value
+    moves by half a per cent and more than four of its uncertainties, or its uncertainty is half a
+    per cent of it and grows by half: of places by the pixel, of a friction by a tenth.
     """
     before, now = freed.stated.fit, freed.fit
     pixel = now.scene.camera.pixel_mm if now.scene.camera else None
@@ -110,9 +105,8 @@ def light_matters(freed: Freed[Any]) -> bool:
 
 
 def opposite_shear(given: Scene, key: str, value: float, spread: float) -> str | None:
-    """What to say where a frame shows the shear that its `given` scene states, the other way.
-
-    By the `value` that was found of a key. A picture mirrored left to right is that of a cylinder
+    """What to say where a frame shows the shear that its `given` scene states, the other way. By
+    the `value` that was found of a key. A picture mirrored left to right is that of a cylinder
     which slides the other way: no frame tells one from the other. None where the shear points as
     stated, is not stated, or is not seen.
     """
@@ -139,10 +133,7 @@ def _verb(solution: Askable, verb: str) -> str:
 
 
 def _contradicted(freed: Freed[Any], cause: Cause) -> str:
-    """What the frame says against values that are stated with their uncertainties; '' if nothing.
-
-    Those that agree with it are refined, which is no cause.
-    """
+    """What the frame says against stated values; '' where they agree, which refines them."""
     rows = zip(cause.keys, cause.starts, cause.sizes, strict=True) if cause.stated else ()
     far = [
         f"{_told(freed, key)}, stated as {with_uncertainty(value, spread)}"
@@ -182,9 +173,7 @@ def _told(freed: Freed[Any], key: str) -> str:
 
 
 def _estimates(freed: Freed[Any], key: str) -> list[tuple[float, float]]:
-    """Each value of a key with the uncertainty that the results have, which is not the fit's alone:
-    causes that the frame neither asks for nor excludes are counted.
-    """
+    """Values of a key with the result's uncertainty: causes that may be there count too."""
     fit = freed.fit
     if not isinstance(fit, FrameFit):  # of several frames, or of the only one of a film
         return list(freed.now.values_of_key(key))
@@ -243,8 +232,8 @@ def _suspicions(freed: Freed[Any]) -> list[str]:
     if WAVES.keys() & names and not freed.unknown:
         messages.append(_unknown_sentence(freed))
     told = {*WAVES, *(cause.name for cause in scales)}
-    rivals = {name for group in rival_causes(freed).values() for name in group}
-    other = [f"{n} ({per_cent(asked.chances[n])})" for n in names if n not in told | rivals]
+    told = told.union(*rival_causes(freed).values())
+    other = [f"{n} ({per_cent(asked.chances[n])})" for n in names if n not in told]
     if other:
         messages.append(message("frames_may_show", who=_who(freed.now), parts=" or ".join(other)))
     return messages
@@ -264,11 +253,10 @@ def _scale_sentence(freed: Freed[Any], suspects: list[Cause]) -> str:
         for key in taken_as_exact(scene, solution.keys, tracked=True)
         if key.startswith((PIXEL, "specimen.", "indenter.")) and not scene.uncertainties.get(key)
     ]
-    wrong = " or ".join(filter(None, (", ".join(open_[:-1]), open_[-1])))
     return message(
         "scale_would_mend_wrong",
         verb=_verb(solution, "contradict"),
         parts=" or ".join(parts),
-        wrong=wrong,
+        wrong=" or ".join(filter(None, (", ".join(open_[:-1]), open_[-1]))),
         who=_who(solution),
     )

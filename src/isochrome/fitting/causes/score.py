@@ -71,12 +71,11 @@ def names_of(
 
 @dataclass(frozen=True, kw_only=True)
 class Asked(Weighed):
-    """What frames show besides what is fitted.
-
-    `causes` that may be there; `outside`, the blocks (rows, cols) that no noise explains, and
-    `beside`, those at the surface; `modes` of a contact's tractions; `order_power` (k, k), the mean
-    products of an unknown order's waves; the `lights` that may be there; the `regions` of one
-    frame, which may have waves of its own. Its sets are `judged` where trials tell them apart.
+    """What frames show besides what is fitted. `causes` that may be there; `outside`, the blocks
+    (rows, cols) that no noise explains, and `beside`, those at the surface; `modes` of a contact's
+    tractions; `order_power` (k, k), the mean products of an unknown order's waves; the `lights`
+    that may be there; the `regions` of one frame, which may have waves of its own. Its sets are
+    `judged` where trials tell them apart.
     """
 
     causes: tuple[Cause, ...]
@@ -89,9 +88,7 @@ class Asked(Weighed):
 
     @cached_property
     def undecided(self) -> Array:
-        """What the covariance (p, p) of all unknowns lacks for what is neither shown nor excluded,
-        and where the form of what is fitted is not known, for what that assumes.
-        """
+        """The same, and where the form of what is fitted is not known, for what that assumes."""
         total, regions = super().undecided, self.regions
         if regions is None or not WAVES.keys() & self.best:
             return total
@@ -106,10 +103,9 @@ class Asked(Weighed):
 
     @property
     def chances(self) -> dict[str, float]:
-        """How likely each is there.
-
-        A pressure that is wider or narrower as a whole is the tractions' where these are there: no
-        frame tells whether it is a modulus's, a layer's, or of a body that was worn.
+        """How likely each is there. A pressure that is wider or narrower as a whole is the
+        tractions' where these are there: no frame tells whether it is a modulus's, a layer's, or of
+        a body that was worn.
         """
         result = dict(self.sets.chances)
         for index, weight in enumerate(self.sets.weights.tolist()):
@@ -136,10 +132,7 @@ class Asked(Weighed):
 def ask(
     solution: Askable, freed: tuple[Cause, ...], fitted: frozenset[str], stated: Askable
 ) -> Asked:
-    """What the frames of a solution show, `freed` causes and all that is `fitted` already or not.
-
-    `stated`, the fit as the scene states it: what is fitted besides is counted from there.
-    """
+    """What the frames show, `freed` and `fitted` or not, besides what is `stated`."""
     causes = candidates(stated.scene, stated.keys, stated.held, past=stated.past)
     nuisances: list[Nuisance] = []
     modes: TractionModes | None = None

@@ -35,10 +35,7 @@ _ACROSS, _DOWN = 0.15, 0.25
 
 @dataclass(frozen=True)
 class Slip:
-    """A slip that explains a frame: `what` it is, the scene's `line` that mends it, its `chi`.
-
-    `before`, the residual over the noise as the scene stands; inf where it gave no light.
-    """
+    """What a slip is, the `line` that mends it, its `chi`, and that `before`, inf: no light."""
 
     what: str
     line: str
@@ -58,10 +55,9 @@ _Candidate = tuple[str, str, FrameData, Scene]
 
 
 def is_lost(fitted: Fitted) -> bool:
-    """Whether a fit is so far off that its values say nothing.
-
-    What it leaves is held against its light; beside more than noise also against the picture's
-    own, as fringes vary by 1/sqrt(8) of theirs: a field of no fringe has any light.
+    """Whether a fit is so far off that its values say nothing. What it leaves is held against its
+    light; beside more than noise also against the picture's own, as fringes vary by 1/sqrt(8) of
+    theirs: a field of no fringe has any light.
     """
     fit, pixels = fitted.fit, fitted.model.pixels
     light = float(np.mean(fitted.final.gamma_fit.amplitude))
@@ -73,32 +69,30 @@ def is_lost(fitted: Fitted) -> bool:
 def explaining_slip(
     data: FrameData, scene: Scene, keys: tuple[str, ...] | None, before: float, *, lost: bool = True
 ) -> Slip | None:
-    """The slip in a scene that explains a frame far better than the scene does.
-
-    Parameters: `data`, the frame; `scene`, one state, where the fit began, or ended where its
-    values are not `lost`; `keys`, its unknowns, by default `free_keys`; `before`, chi as it stands,
-    inf where the fit gave no light. Returns None where none of them does.
+    """The slip in a scene that explains a frame far better, None: none does. `scene`, where the fit
+    began, or ended where its values are not `lost`; `before`, its chi, inf where it gave no light.
     """
     if before <= _LEAST:
         return None  # noise alone: no scene explains it better
     scene = placed(scene, data.shape)
     keys = free_keys(scene) if keys is None else keys
     keys = tuple(k for k in keys if k not in (GAMMA, BLUR, *LENS))
-    found = LEFT in keys and TOP in keys
+    found = {LEFT, TOP} <= set(keys)
     if scene.indenter is not None:
         keys = tuple(dict.fromkeys((*keys, LEFT, TOP)))
     best: Slip | None = None
+    limit = np.inf
     for what, line, picture, start in _slips(data, scene):
         ended = _tried(picture, start, keys, lost)
         # without a line it may be another minimum of the scene itself
         if ended is None or (found and not line and _is_there(ended.scene, scene, data.shape)):
             continue
         chi, end = ended.chi, ended.scene
-        if is_explained(before, chi, _LEFT) and (best is None or chi < _ALIKE * best.chi):
+        if is_explained(before, chi, _LEFT) and chi < limit:
             line = line or f"{LEFT} = {end.get(LEFT):.3g} and {TOP} = {end.get(TOP):.3g}"
-            best = Slip(what, line, chi, before)
-        if best is not None and best.chi <= _LEAST:
-            break
+            best, limit = Slip(what, line, chi, before), _ALIKE * chi
+            if chi <= _LEAST:
+                break
     return best
 
 
@@ -141,10 +135,7 @@ def _turns(
 
 
 def lying_otherwise(scene: Scene, turn: int, flip: str | None) -> tuple[str, str]:
-    """The keys that turn a picture, on top of what the scene turns already, and what it is then.
-
-    Parameters: `scene`; `turn`, 0, 90, 180 or 270 degrees, and `flip`, as in its [frames].
-    """
+    """The keys that turn a picture on top of what the scene turns already, and what it is then."""
     frames = scene.frames
     whole, mirrored = _together((frames.rotate_deg, frames.flip), (turn, flip))
     parts = [f"frames.rotate_deg = {whole}"] if whole != frames.rotate_deg else []
@@ -170,24 +161,20 @@ def _together(first: tuple[int, Any], then: tuple[int, Any]) -> tuple[int, str |
 
 
 def _units(data: FrameData, scene: Scene, stiff: bool) -> Iterator[_Candidate]:
-    """Young's moduli in MPa or Pa: those that are `stiff` beyond all bodies, or a soft specimen's.
-
-    The second may be no slip, and is tried late.
-    """
+    """Young's moduli in MPa or Pa: `stiff` beyond all bodies, or, late, a soft specimen's."""
     if scene.indenter is None:
         return
     keys = ("specimen.young_gpa", "indenter.young_gpa")
     given = {key: value for key in keys if (value := scene.get(key)) is not None}
     wrong = [key for key, value in given.items() if value > STIFFEST_GPA]
-    chosen = wrong if stiff else [key for key in keys[:1] if key in given and key not in wrong]
+    chosen = wrong if stiff else [*({keys[0]} & given.keys() - set(wrong))]
     for group in dict.fromkeys([tuple(chosen), *((key,) for key in chosen)]):
         shares = {key: 1e-9 if given[key] > 1e3 * STIFFEST_GPA else 1e-3 for key in group}
         if shares:
             changed = {key: given[key] * share for key, share in shares.items()}
             unit = "Pa" if 1e-9 in shares.values() else "MPa"
             line = " and ".join(f"{key} = {value:g}" for key, value in changed.items())
-            what = message("young_modulus_given", unit=unit)
-            yield what, line, data, scene.with_values(changed)
+            yield message("young_modulus_given", unit=unit), line, data, scene.with_values(changed)
 
 
 def _places(data: FrameData, scene: Scene) -> Iterator[_Candidate]:
@@ -210,10 +197,7 @@ def _is_there(end: Scene, scene: Scene, shape: tuple[int, int]) -> bool:
 
 
 def _tried(data: FrameData, scene: Scene, keys: tuple[str, ...], lost: bool) -> Settled | None:
-    """Where a quick fit ended; None where it explains nothing.
-
-    Only what is `lost` is searched for: else a slip leaves values near those that were found.
-    """
+    """Where a quick fit ended, a search if `lost`; None where it explains nothing."""
     try:
         if lost:
             best: Settled | None = search_frame(data, scene, keys)[0]

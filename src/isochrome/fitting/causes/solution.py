@@ -31,12 +31,11 @@ from isochrome.scene import Scene
 
 @dataclass(frozen=True, kw_only=True)
 class Change:
-    """What a fit is made anew with.
-
-    `added`, where keys begin that become unknowns; `held`, keys that are unknowns no more, and
-    their values; `begun`, where the other unknowns begin; how `uneven` the light is, if it is;
-    `waves` (3, k) of what no cause explains, all nought for none; `outside` (rows/3, cols/3),
-    blocks that are left out. `far`, whether it does not begin where a fit came to rest.
+    """What a fit is made anew with. `added`, where keys begin that become unknowns; `held`, keys
+    that are unknowns no more, and their values; `begun`, where the other unknowns begin; how
+    `uneven` the light is, if it is; `waves` (3, k) of what no cause explains, all nought for none;
+    `outside` (rows/3, cols/3), blocks that are left out. `far`, whether it does not begin where a
+    fit came to rest.
     """
 
     added: dict[str, float] = field(default_factory=dict)
@@ -49,10 +48,7 @@ class Change:
 
 
 class Askable(Protocol):
-    """A fit of one frame, or of several together, that can be asked and made anew.
-
-    `past`, whether nothing else says what friction there was before.
-    """
+    """A fit to be asked and made anew; `past`: it alone says what friction was before."""
 
     data: Any
     past: bool = False
@@ -146,10 +142,7 @@ class Askable(Protocol):
 
 @dataclass(frozen=True)
 class FrameSolution(Askable):
-    """The fit of one frame: its `data`, with the light and the pixels that were taken.
-
-    `past`, whether it alone says what friction there was before it.
-    """
+    """The fit of one frame, its `data` with the light and the pixels that were taken."""
 
     data: FrameData
     fitted: Fitted
@@ -226,8 +219,7 @@ class FrameSolution(Askable):
                 replace(data, valid=data.valid & self._below), here, around, keys,
                 side=side, prior=prior, expected=expected,
             )  # fmt: skip
-            start = np.pad(values_of(scene, keys), (0, model.count))
-            rested = model.rested(start)
+            rested = model.rested(np.pad(values_of(scene, keys), (0, model.count)))
         except PhysicsError:
             return None
         if rested is None:

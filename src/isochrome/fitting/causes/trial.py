@@ -35,20 +35,16 @@ _COARSE = 0.05
 
 
 def through_a_lens(scene: Scene) -> Scene:
-    """The scene seen through a lens, be it one that does nothing.
-
-    A picture through one hides some rows: all trials do, to be compared.
-    """
+    """The scene seen through a lens, be it idle: one hides some rows, and trials are compared."""
     bent = scene.camera is not None and any(scene.get(key) for key in LENS)
     return scene if bent else scene.with_values({LENS[0]: TINY})
 
 
 @dataclass(frozen=True, kw_only=True)
 class Expected:
-    """What is known beforehand of what a trial fits besides the unknowns.
-
-    `keys` to a middle and a standard deviation; `root` L (k, r) of the covariance of the tractions
-    of `modes`; `order` L (3k, r) of that of what no cause explains.
+    """What is known beforehand of what a trial fits besides the unknowns. `keys` to a middle and a
+    standard deviation; `root` L (k, r) of the covariance of the tractions of `modes`; `order` L
+    (3k, r) of that of what no cause explains.
     """
 
     keys: dict[str, tuple[float, float]]
@@ -67,14 +63,13 @@ class Expected:
 
 @dataclass(frozen=True, kw_only=True)
 class Trial:
-    """A fit to a frame's blocks, and where it came to rest.
-
-    `cost` and `normal` (p, p), of the pixels alone; `prior` cost, `weight` (p,) and `extra` (p,),
-    those that not every set has; `light`, the normal equations (k, k) of its products, and their
-    `light_weight` (k,); `excess`, the variance of what is left over the noise's; `values`
-    of the keys, `tractions` (k,) of the modes and `waves` (3, k) of what no cause explains,
-    None where it has none; `usual_chi`, what a typical block has left over the noise, be others
-    odd, or its light over what lamps have, 0 where it is not kept.
+    """A fit to a frame's blocks, and where it came to rest. `cost` and `normal` (p, p), of the
+    pixels alone; `prior` cost, `weight` (p,) and `extra` (p,), those that not every set has;
+    `light`, the normal equations (k, k) of its products, and their `light_weight` (k,); `excess`,
+    the variance of what is left over the noise's; `values` of the keys, `tractions` (k,) of the
+    modes and `waves` (3, k) of what no cause explains, None where it has none; `usual_chi`, what a
+    typical block has left over the noise, be others odd, or its light over what lamps have, 0 where
+    it is not kept.
     """
 
     cost: float
@@ -117,10 +112,7 @@ class TrialModel(FarModel):
         prior: Prior,
         expected: Expected,
     ) -> None:
-        """As of a `FrameModel`, on means over blocks, with what is `expected`.
-
-        `around`, the scene by which all trials weigh their pixels.
-        """
+        """`around`, the scene by which all trials weigh their pixels; with what is `expected`."""
         # it stands on what the pixels tell apart, and needs its derivatives by one side only
         rows, cols = (-(-n // side) for n in data.shape)
         region = np.ones((rows, cols), dtype=bool)
@@ -128,8 +120,7 @@ class TrialModel(FarModel):
         _, shown = self.renderer.order_field(around)
         lost = 1.0 - np.broadcast_to(shown, region.shape)[self.pixels.keep]
         off = np.float32(_COARSE) * self.pixels.raw.max() * lost
-        weight = 1.0 / np.hypot(1.0 / self.pixels.weight, off)
-        self.pixels = replace(self.pixels, weight=weight)
+        self.pixels = replace(self.pixels, weight=1.0 / np.hypot(1.0 / self.pixels.weight, off))
         if expected.root is not None:
             assert expected.modes is not None
             hats = expected.modes.fields(pixel_grid(scene, data.shape).every(side))

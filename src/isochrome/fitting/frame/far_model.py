@@ -54,9 +54,7 @@ def student_cost(residual: Array) -> float:
 def by_field(
     optics: FringeOptics, field: Array, shown: Array, signal: Array, gain: Array
 ) -> tuple[Array, Array]:
-    """Weighted derivatives (n,) by both parts of a stress difference, 1/MPa, about its `signal`,
-    with the visibility `shown` and the weighted illumination `gain`.
-    """
+    """Weighted derivatives (n,) by both parts of a stress difference, 1/MPa, about its `signal`."""
     step = np.float32(_SLIGHT / optics.order_per_mpa)
     along, across = (
         (optics.signal(field + step * turn, visibility=shown) - signal) * (gain / step)
@@ -67,7 +65,6 @@ def by_field(
 
 class FarModel(FrameModel):
     """A `FrameModel` on every few pixels or blocks, with amplitudes of fields behind its unknowns.
-
     `fields` (k, rows, cols), MPa; by default none. The `slight` last ones hardly move fringes by
     their standard deviations; of others a slope over a part of these leads farther.
     """

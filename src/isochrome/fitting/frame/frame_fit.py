@@ -45,11 +45,10 @@ from isochrome.stress import pixel_grid
 
 @dataclass(frozen=True, kw_only=True)
 class Estimate:
-    """Values (p,) of unknowns, and how well they are known, in the keys' units.
-
-    `covariance` and `standard_uncertainty` (inf: not told) are of the noise and of all stated
-    `inputs` (m,), priors first, of which `sensitivity` (p, m) is d value/d input; `information`, of
-    the pixels; `chi`, residual over noise.
+    """Values (p,) of unknowns, and how well they are known, in the keys' units. `covariance` and
+    `standard_uncertainty` (inf: not told) are of the noise and of all stated `inputs` (m,), priors
+    first, of which `sensitivity` (p, m) is d value/d input; `information`, of the pixels; `chi`,
+    residual over noise.
     """
 
     values: Array
@@ -73,12 +72,6 @@ class Estimate:
     def budget(self) -> tuple[tuple[BudgetInput, ...], ...]:
         """The uncertainty budget of each value, empty ones without stated inputs."""
         return budgets_of(self.noise_uncertainty, self.inputs.rows, self.sensitivity)
-
-    @property
-    def noise_covariance(self) -> Array:
-        """The covariance by noise alone."""
-        by_inputs = self.sensitivity * self.inputs.spread
-        return np.asarray(self.covariance - by_inputs @ by_inputs.T)
 
     def less_sure(self, more: Array) -> Self:
         """The same with a covariance that is larger by `more` (p, p), as if by noise."""
@@ -108,11 +101,10 @@ def uncertainties(
 
 @dataclass(frozen=True, kw_only=True)
 class FrameFit(Estimate):
-    """What one frame says of its scene, whose unknowns are `keys` (p,).
-
-    `others`, minima by rising chi; `plain`, one amplitude had to do for all the light; not
-    `positive`: the scene's fringes are not in the frame; `noise_ratio`, the noise over what the
-    finest part shows, as compression takes it.
+    """What one frame says of its scene, whose unknowns are `keys` (p,). `others`, minima by rising
+    chi; `plain`, one amplitude had to do for all the light; not `positive`: the scene's fringes are
+    not in the frame; `noise_ratio`, the noise over what the finest part shows, as compression takes
+    it.
     """
 
     scene: Scene
@@ -158,9 +150,7 @@ def fit_frame(
 
 @dataclass(frozen=True)
 class Fitted:
-    """A fit with its `model` of the frame, where the steps ended, the inputs that are `held` and
-    the derivatives by them, `held_rows` (m, n); `stated`, those and the priors.
-    """
+    """A fit, its `model`, where the steps ended, what is `held`, and derivatives by that (m, n)."""
 
     fit: FrameFit
     model: FrameModel
@@ -179,9 +169,7 @@ def fit_with_model(
     stated: StatedInputs | None = None,
     rested: bool = False,
 ) -> Fitted:
-    """`fit_frame` with the model that was fitted. `rested`, whether the scene is where another fit
-    came to rest: few pixels would lead away.
-    """
+    """`fit_frame` with its model; `rested`: from where a fit came to rest few pixels lead away."""
     keys = free_keys(scene) if keys is None else keys
     stated = stated_inputs(scene) if stated is None else stated
     scene = placed(scene, data.shape)
@@ -243,7 +231,7 @@ def _fit_begun(
     best = scene
     if not rested:
         first, *rest = search_frame(data, scene, keys, prior, cold=cold)
-        best, others = first.scene, tuple(one.minimum for one in rest if one.positive)
+        best, others = first.scene, tuple(Minimum(s.values, s.chi) for s in rest if s.positive)
     best = _with_some_blur(best, keys)  # few pixels do not show a little one
     fine = with_numerics(best.model_copy(update={"numerics": scene.numerics}))
     model, final = _final(data, fine, keys, prior, rested)
@@ -315,9 +303,7 @@ def _final(
 
 
 def turned_over(keys: tuple[str, ...], values: Array) -> Array | None:
-    """Values (p,) with plates turned to the other side, which nearly mirrors the picture; None
-    where no plates are unknowns.
-    """
+    """Values (p,) with plates turned over, nearly a mirror picture; None without any."""
     plates = [j for j, key in enumerate(keys) if key.endswith("plate_error_deg")]
     if not plates:
         return None
@@ -360,14 +346,13 @@ def propagated(fit: FrameFit, numbers: Callable[[Scene], Array]) -> tuple[Array,
                 break
         else:
             raise PhysicsError("scene_cannot_solved_beside", key=key, value=value)
-    count = len(fit.keys)
-    fitted, held = slopes[:, :count], np.zeros((len(here), len(fit.inputs.keys)))
+    fitted, held = slopes[:, : len(fit.keys)], np.zeros((len(here), len(fit.inputs.keys)))
     for k, key in enumerate(fit.inputs.keys):
         if key not in fit.keys:
             held[:, k] = slopes[:, keys.index(key)]
+    by_inputs = fit.sensitivity * fit.inputs.spread
+    noise = fit.covariance - by_inputs @ by_inputs.T
     by_inputs = (fitted @ fit.sensitivity + held) * fit.inputs.spread
-    variance = np.einsum("ij,jk,ik->i", fitted, fit.noise_covariance, fitted) + (by_inputs**2).sum(
-        axis=1
-    )
+    variance = np.einsum("ij,jk,ik->i", fitted, noise, fitted) + (by_inputs**2).sum(axis=1)
     untold = (fitted[:, ~np.isfinite(fit.standard_uncertainty)] != 0.0).any(axis=1)
     return here, np.where(untold, np.inf, np.sqrt(np.maximum(variance, 0.0)))

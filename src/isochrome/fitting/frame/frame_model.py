@@ -62,9 +62,7 @@ def trusted_pixels(data: FrameData, region: Mask) -> Pixels:
 
 
 def clear_of_ends(pixels: Pixels, model: Array, gamma: float) -> Mask:
-    """Pixels whose model is far from black and white, whatever their own noise made of them; all of
-    them where few are.
-    """
+    """Pixels whose model is far from black and white, whatever their noise; all where few are."""
     level = stored(model, gamma)
     room = CLEAR_SIGMAS / pixels.weight
     clear = np.asarray((level > room) & (level < 1.0 - room))
@@ -107,7 +105,6 @@ def gamma_slope(gamma_fit: LinearPart, gamma: float) -> Array:
 
 def trust_of_slopes(gamma_fit: LinearPart, stride: int = 1) -> Array:
     """Root of the weight (n,) that pixels have by the error of their slopes, besides the noise.
-
     Where fringes are off by a phase d the signal is by sin(phase) d / 2, and by cos(phase) d^2 / 4
     besides, which slopes do not know: with the mean square m of the first about a pixel, the root
     mean square of that is sqrt(2) m. Near the contact, where fringes are off by most, it leaves
@@ -161,7 +158,6 @@ class FrameModel:
         solve: Solve | None = None,
     ) -> None:
         """`data`, whole; `scene`, one state, numbers at `keys`; `region` (rows, cols), strided.
-
         `hidden_px`, depth above which the region shows nothing; `prior` of the unknowns;
         `in_blocks`, whether to fit the means over blocks as wide as the stride, and not one pixel
         of each; `solve` gives a scene's state, by default on its own.
@@ -181,9 +177,7 @@ class FrameModel:
         self._light_slopes: tuple[Array, Array] | None = None
 
     def keep_clear(self, values: Array) -> LinearPart | None:
-        """Leave out the pixels whose model is near black or white; the linear solution there, None
-        where the values make no scene.
-        """
+        """Leave out pixels whose model is near black or white; the others' solution."""
         gamma_fit = self.at(values)
         if gamma_fit is None:
             return None
@@ -199,8 +193,7 @@ class FrameModel:
         """
         from scipy.ndimage import gaussian_filter
 
-        coefficients = gamma_fit.coefficients[: self.pixels.light.split]
-        light = data.lamp.illumination(coefficients)
+        light = data.lamp.illumination(gamma_fit.coefficients[: self.pixels.light.split])
         light = np.maximum(gaussian_filter(light, _SMOOTH_PX), _DIMMEST * float(light.max()))
         down, across = np.gradient(np.log(light))
         self._light_slopes = down, across
@@ -216,9 +209,7 @@ class FrameModel:
     def signal(
         self, values: Array, *, visibility: Array | None = None, keys: tuple[str, ...] | None = None
     ) -> Array | None:
-        """The signal at the pixels (n,), None where the values, of `keys`, make no scene that can
-        be solved; `visibility` (rows, cols), where it is known well enough.
-        """
+        """The signal at the pixels (n,), None: no scene; `visibility` (rows, cols), where known."""
         try:
             scene = self.moved(self.keys if keys is None else keys, values)
             image = self.renderer.signal(scene, visibility=visibility)
@@ -253,9 +244,7 @@ class FrameModel:
         return local_model(self.keys, values, gamma_fit, rows, self.prior)
 
     def input_rows(self, values: Array, gamma_fit: LinearPart, inputs: tuple[str, ...]) -> Array:
-        """Derivatives by inputs (m, n) that the fit holds, less what the light explains of them;
-        PhysicsError where the scene cannot be solved beside an input's value.
-        """
+        """Derivatives (m, n) by held inputs, less what light explains; or PhysicsError."""
         stated = [float(self.scene.get(key)) for key in inputs]
         keys, count = (*self.keys, *inputs), len(self.keys)
         rows = self._slopes(keys, np.r_[values, stated], range(count, len(keys)), gamma_fit)
@@ -270,8 +259,7 @@ class FrameModel:
         """
         rows = np.empty((len(chosen), self.pixels.size), np.float32)
         # what the pixels' area takes changes little: it is not rendered for every derivative
-        where = self.moved(keys, values[: len(keys)])
-        _, shown = self.renderer.order_field(where)
+        _, shown = self.renderer.order_field(self.moved(keys, values[: len(keys)]))
         picked = tuple(keys[j] for j in chosen)
         steps, high = STEP * scales(self.scene, picked), limits(self.scene, picked).high
         for row, j, key, step, most in zip(rows, chosen, picked, steps, high, strict=True):
@@ -401,8 +389,7 @@ class RefinedFit:
     @property
     def freedom(self) -> int:
         """Pixels less unknowns, those of the light among them."""
-        unknowns = len(self.local.keys) + self.gamma_fit.count
-        return max(1, self.gamma_fit.residual.size - unknowns)
+        return max(1, self.gamma_fit.residual.size - (len(self.local.keys) + self.gamma_fit.count))
 
     @property
     def cost(self) -> float:
@@ -462,9 +449,7 @@ def refine_fit(
 
 
 def _better(trial: LinearPart, gamma_fit: LinearPart, known: tuple[float, float]) -> bool:
-    """Whether a step lowers the cost, with what the prior adds before and after (`known`), without
-    turning the light negative: another basin's sign.
-    """
+    """Whether a step lowers the cost with the priors' (`known`), and keeps the light positive."""
     if gamma_fit.positive and not trial.positive:
         return False
     # the costs of two points that differ by less than the noise of their sum are alike

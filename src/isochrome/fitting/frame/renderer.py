@@ -12,8 +12,10 @@ from typing import Any
 import numpy as np
 
 from isochrome.contact import SurfaceState
-from isochrome.errors import PhysicsError
+from isochrome.errors import InputError, PhysicsError
+from isochrome.estimation import FrameData, PixelLight, Pixels, cosine_sum, solve_linear
 from isochrome.fitting.arrays import Array, Mask
+from isochrome.fitting.frame.unknowns import thinning
 from isochrome.optics import (
     Chain,
     FringeWave,
@@ -26,7 +28,7 @@ from isochrome.optics import (
     slope_visibility,
 )
 from isochrome.scene import Scene
-from isochrome.simulation import SceneState, scene_states, state_difference
+from isochrome.simulation import Picture, SceneState, make_picture, scene_states, state_difference
 from isochrome.specimens import specimen_model
 from isochrome.stress import (
     PixelGrid,
@@ -111,10 +113,9 @@ _SLACK = 1.15
 
 
 class SceneRenderer:
-    """Signals of a one-state scene on every `stride`-th pixel of a picture (rows, cols).
-
-    `solve` gives a scene's state, by default on its own; nobody looks above `hidden_px`; `rough`:
-    the pixels' area is left out; `side`, of the blocks whose means are wanted, in pixels.
+    """Signals of a one-state scene on every `stride`-th pixel of a picture (rows, cols). `solve`
+    gives a scene's state, by default on its own; nobody looks above `hidden_px`; `rough`: the
+    pixels' area is left out; `side`, of the blocks whose means are wanted, in pixels.
     """
 
     def __init__(
@@ -140,9 +141,7 @@ class SceneRenderer:
         self.waves: Array | None = None  # an order besides, see `with_waves`
 
     def order_field(self, scene: Scene) -> tuple[Array, Array]:
-        """Stress difference (rows, cols) and visibility of the fringes, means over the strided
-        pixels, with the camera's blur. PhysicsError where the scene cannot be solved.
-        """
+        """Stress difference and visibility (rows, cols) of strided pixels; or PhysicsError."""
         state, key, last = self.state(scene), self._standing(scene), self._last
         if last is None or last[0] is not state or last[1] != key:
             pixels = self._pixels(scene)
@@ -154,9 +153,7 @@ class SceneRenderer:
         return last[2:]
 
     def signal(self, scene: Scene, *, visibility: Array | None = None) -> Array:
-        """Polariscope signal at the strided pixels (rows, cols), a `visibility` perhaps known; no
-        specimen, no light. PhysicsError where the scene's values cannot be solved.
-        """
+        """Signal at the strided pixels (rows, cols); no specimen, no light. Or PhysicsError."""
         if visibility is None:
             field, visibility = self.order_field(scene)
         else:
@@ -337,8 +334,7 @@ def with_waves(scene: Scene, field: Array, waves: Array) -> Array:
 def _lattice(surface: SurfaceState, pixels: PixelGrid) -> SeriesGrid:
     """Waves whose repetitions stay far enough from the picture."""
     x, z = pixels.x_mm[[0, -1]], np.abs(pixels.z_mm[[0, -1]]).max()
-    ends = surface.grid.x_mm[[0, -1]]
-    reach = float(np.hypot(np.abs(x[:, None] - ends[None, :]).max(), z))
+    reach = float(np.hypot(np.abs(x[:, None] - surface.grid.x_mm[[0, -1]][None, :]).max(), z))
     return make_series_grid(
         pixels.rows,
         pixels.cols,
@@ -356,3 +352,73 @@ def safe_signal(renderer: SceneRenderer, scene: Scene) -> Array:
     except PhysicsError:
         rows, cols = (-(-n // renderer.stride) for n in renderer.shape)
         return np.full((rows, cols), np.nan)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelFrame:
+    """What a scene says of every pixel (rows, cols) of a frame: I = B + A S in the light's unit.
+    `wave`, the ideal signal about the orders; `signal`, S at every so many of the pixels; `mask`,
+    trusted pixels of the specimen whose fringes are not washed out; `chi`, residual over noise.
+    """
+
+    pixels: PixelGrid
+    picture: Picture
+    wave: FringeWave
+    signal: Callable[[int], Array]
+    illumination: Array
+    background: Array
+    mask: Mask
+    chi: float
+
+    def contrast_noise(self, sigma: Array) -> float:
+        """Noise `sigma` over the fringes' amplitude, by the median pixel; NaN: nothing is lit."""
+        # both are smooth: of every few rows and columns the median is the same
+        every = thinning(self.mask.size)
+        sigma, light, lit = (
+            part[::every, ::every] for part in (sigma, self.illumination, self.mask)
+        )
+        lit = lit & (light > 0.0)
+        return float(np.median(sigma[lit] / light[lit])) if lit.any() else float("nan")
+
+
+def evaluate_model(data: FrameData, scene: Scene, *, difference: Array | None = None) -> ModelFrame:
+    """Render a one-state scene on a frame's own pixels, its stress `difference` (MPa) perhaps
+    known, and fit the linear light to it. Chi is inf for a negative illumination; InputError where
+    no pixel is trusted.
+    """
+    if scene.frames.stated_gamma != data.gamma:
+        data = data.toned(scene.frames.stated_gamma)
+    grid = pixel_grid(scene, data.shape)
+    if difference is None:
+        renderer = SceneRenderer(scene, data.shape)
+        difference = renderer.difference(scene, renderer.state(scene))
+    if data.waves is not None:
+        difference = with_waves(scene, difference, cosine_sum(data.shape, data.waves))
+    picture = make_picture(scene, difference, grid)
+    wave = scene_optics(scene).wave(
+        picture.difference, order=picture.mean_order, visibility=picture.visibility
+    )
+
+    def signal(stride: int) -> Array:
+        assert scene.camera is not None
+        if scene.camera.blur_px > 0.0:
+            light = np.where(picture.material, wave.light, 0.0)
+            return np.asarray(blurred(light, scene.camera.blur_px)[::stride, ::stride])
+        return wave.every(stride).light
+
+    mask = data.valid & picture.material & (picture.visibility > 0.5)
+    # every few of a large frame's pixels know a handful of coefficients well enough
+    stride = thinning(int(np.count_nonzero(mask)))
+    thin, keep = data.every(stride), mask[::stride, ::stride]
+    if not keep.any():
+        raise InputError("no_pixel_can_trusted", name=data.name)
+    weight = (1.0 / thin.sigma[keep]).astype(np.float32)
+    pixels = Pixels(thin.light[keep], weight, PixelLight(thin.lamp, keep))
+    part = solve_linear(pixels, signal(stride)[keep].astype(np.float32))
+    a, c = np.split(part.coefficients, [pixels.light.split])
+    chi = float(np.sqrt(part.cost / max(1, pixels.size - part.count)))
+    return ModelFrame(
+        pixels=grid, picture=picture, wave=wave, signal=signal, mask=mask,
+        illumination=data.lamp.illumination(a), background=data.lamp.background(c),
+        chi=chi if part.positive else float("inf"),
+    )  # fmt: skip

@@ -21,9 +21,7 @@ def with_part(scene: Scene, part: str, **values: Any) -> Scene:
 
 
 def frame_scene(scene: Scene, state: int) -> Scene:
-    """The scene of one frame alone: its own distance, load and friction. States count from 0, the
-    static one first where the scene has one.
-    """
+    """The scene of one frame alone; states count from 0, a static one first."""
     if not scene.is_contact:
         return scene
     if is_held(scene):
@@ -53,9 +51,7 @@ def sliding_scene(scene: Scene) -> Scene:
 
 
 def slid_until(scene: Scene, frame: Frame) -> float | None:
-    """The distance (m) slid until a frame, by time or number; None where nothing wears. InputError
-    where a frame has no time and needs one.
-    """
+    """Distance (m) slid until a frame, None where nothing wears; InputError without its time."""
     if scene.wear is None:
         return None
     speed = scene.frames.sliding_speed_mm_per_s
@@ -82,11 +78,10 @@ def state_scene(scene: Scene, state: int) -> Scene:
 
 
 def scene_at(scene: Scene, distance_m: float) -> Scene:
-    """The scene at one sliding distance: one state; load, friction and wear as numbers.
-
-    The wear coefficient makes the same dose under the state's constant friction; what varies on the
-    way gives the equivalent of Archard's law, K/s. InputError where the load changes while the
-    contact wears: no constant load has worn that scar.
+    """The scene at one sliding distance: one state; load, friction and wear as numbers. The wear
+    coefficient makes the same dose under the state's constant friction; what varies on the way
+    gives the equivalent of Archard's law, K/s. InputError where the load changes while the contact
+    wears: no constant load has worn that scar.
     """
     loaded = _loaded_at(scene, distance_m)
     if scene.friction:

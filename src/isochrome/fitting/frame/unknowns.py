@@ -113,9 +113,8 @@ def _scale(scene: Scene, key: str) -> float:
 
 def limits(scene: Scene, keys: tuple[str, ...], shape: tuple[int, int] | None = None) -> Bounds:
     """Where the search may go: not below zero, not far from the start; in a picture of a `shape`
-    (rows, cols) the place moves by half of that at most, lest the specimen leaves it.
-
-    A contact may have stood still until a frame: nothing is worn then, and no start says so.
+    (rows, cols) the place moves by half of that at most, lest the specimen leaves it. A contact may
+    have stood still until a frame: nothing is worn then, and no start says so.
     """
     ends = np.array([_limit(scene, key) for key in keys]).reshape(-1, 2)
     for key, pixels in zip((TOP, LEFT), shape or (), strict=False):
@@ -150,9 +149,7 @@ def _visible_wear(scene: Scene) -> float:
 
 
 def fit_region(scene: Scene, shape: tuple[int, int], stride: int, hidden_px: float) -> Array:
-    """Pixels that a fit uses: not within `hidden_px` of a contact's surface, nor where the
-    specimen's model is not trusted.
-    """
+    """Pixels that a fit uses: below `hidden_px`, where the specimen's model is trusted."""
     full_frame = pixel_grid(scene, shape)
     grid = full_frame.every(stride)
     trusted = specimen_model(scene).trusted(scene, grid, hidden_px * full_frame.pixel_mm)
@@ -210,8 +207,7 @@ class StatedInputs:
     @property
     def rows(self) -> tuple[tuple[str, float, float], ...]:
         """Key, value and standard uncertainty of each, as plain numbers."""
-        columns = self.keys, self.values.tolist(), self.spread.tolist()
-        return tuple(zip(*columns, strict=True))
+        return tuple(zip(self.keys, self.values.tolist(), self.spread.tolist(), strict=True))
 
 
 def stated_inputs(scene: Scene, given: Scene | None = None) -> StatedInputs:
@@ -237,8 +233,7 @@ def stated_pairs(scene: Scene) -> dict[str, tuple[float, float]]:
 
 def inputs_of_rows(rows: Iterable[tuple[str, float, float]]) -> StatedInputs:
     """Stated inputs from their keys, values and standard uncertainties."""
-    columns = tuple(zip(*rows, strict=True))
-    keys, values, spread = columns or ((), (), ())
+    keys, values, spread = tuple(zip(*rows, strict=True)) or ((), (), ())
     return StatedInputs(tuple(keys), np.array(values, float), np.array(spread, float))
 
 

@@ -63,8 +63,7 @@ class Sequence:
     def run(self) -> bool:
         """Whether the frames are states of one wearing run, and not each a contact of its own."""
         scene = self.scene
-        worn = scene.is_contact and scene.wear is not None
-        return worn and state_count(scene) == self.count
+        return scene.is_contact and scene.wear is not None and state_count(scene) == self.count
 
     @cached_property
     def distances_m(self) -> tuple[float | None, ...]:
@@ -113,9 +112,7 @@ def over_distance(points: dict[float, float]) -> Any:
 
 
 def stepwise(points: dict[float, float]) -> Any:
-    """Values that hold until some distances (m), each since the one before, as a scene takes them:
-    a linear coefficient would swing from frame to frame to follow the noise.
-    """
+    """Values that hold until some distances (m): linear ones would swing to follow the noise."""
     ends = sorted(points)
     if len(ends) == 1:
         return points[ends[0]]

@@ -79,9 +79,7 @@ from isochrome.scene import DistanceTable, Scene
 
 @dataclass(frozen=True)
 class JointSolution(Askable):
-    """The fit of several frames together: their `data`, with the light and pixels that were taken,
-    and the `problem` that was solved; `progress`, called with each frame of each pass.
-    """
+    """Several frames' fit: `data` with light and pixels taken, the `problem`, `progress`."""
 
     data: FrameSet
     problem: JointProblem
@@ -187,9 +185,7 @@ class JointSolution(Askable):
         return odd
 
     def joined(self, other: JointSolution) -> JointSolution:
-        """The fit with the light, the pixels and the keys that another one of its frames has more;
-        PhysicsError where it cannot be made.
-        """
+        """The fit with the light, pixels and keys that another one has more; or PhysicsError."""
         sequence, wider = self.fit.sequence, other.fit.sequence
         new = [k for k, u in enumerate(wider.unknowns) if u.key not in self.keys]
         added = tuple(wider.unknowns[k] for k in new)
@@ -304,9 +300,7 @@ class JointProblem:
         self.bounds = Bounds(np.array(low), np.array(high))
 
     def fitted(self, start: Array) -> JointFit:
-        """Least squares over all frames, first thinned, then on every pixel; PhysicsError where the
-        start cannot be solved or a key changes nothing.
-        """
+        """Least squares over all frames, first thinned, then on every pixel; or PhysicsError."""
         values, _, _ = self.solve(start, self.coarse_stride, TOLERANCE)
         self.keep_clear(values)
         values, normal, converged = self.solve(values, 1, NEAR)
@@ -343,9 +337,7 @@ class JointProblem:
     def equations(
         self, sequence: Sequence, values: Array, renderer: SceneRenderer
     ) -> NormalEquations | None:
-        """The normal equations of frames and measured scars at some values (p,) of a sequence; None
-        where they cannot be solved.
-        """
+        """Normal equations of frames and scars at values (p,); None where they cannot be solved."""
         total = scar_equations(sequence, values) if sequence.areas else None
         for _, solved in self.solved_frames(sequence, values, renderer):
             if solved is None:
@@ -358,9 +350,7 @@ class JointProblem:
     def solved_frames(
         self, sequence: Sequence, values: Array, renderer: SceneRenderer
     ) -> Iterator[tuple[str, SolvedFrame | None]]:
-        """Each frame's name, its residual and derivatives by all that is in a sequence, None where
-        its scene, or one beside it, cannot be solved.
-        """
+        """Each frame's name, residual and derivatives, None where no scene there can be solved."""
         maps, stride = DirectionMaps(sequence, values), renderer.stride
         for i, data in enumerate(self.frames):
             here = placed(sequence.frame(maps.whole, values, i), self.shape)
@@ -466,9 +456,7 @@ _LEAST = 1e-2
 
 
 def is_each(sequence: Sequence) -> bool:
-    """Whether each frame's own fit is all that can be known of it: nothing is shared, no history,
-    no measured scar.
-    """
+    """Whether each frame's own fit is all: nothing is shared, no history, no measured scar."""
     if sequence.areas:
         return False
     scene = sequence.scene
@@ -481,7 +469,19 @@ def is_each(sequence: Sequence) -> bool:
 
 def fit_of_each(sequence: Sequence, single_fits: list[FrameFit]) -> JointFit:
     """The fits of frames that nothing ties together as one of all of them, without matrices."""
-    wider = _with_own_keys(sequence, single_fits)
+    # what the frames' own fits have more, of a smooth stress, are unknowns too
+    own_load = any(u.key == LOAD and not u.shared for u in sequence.unknowns)
+    shared = sequence.count == 1 and not own_load
+    more = dict.fromkeys(
+        key for i, fit in enumerate(single_fits) for key in fit.keys[len(sequence.acting(i)) :]
+    )
+    added = [
+        Unknown(key, (i,), shared)
+        for key in more
+        for i, fit in enumerate(single_fits)
+        if key in fit.keys
+    ]
+    wider = replace(sequence, unknowns=(*sequence.unknowns, *added))
     own = [(single_fits[u.frames[0]], u.key) for u in wider.unknowns]
     places = [(fit, fit.keys.index(key)) for fit, key in own]
     parts: dict[str, Any] = {
@@ -502,22 +502,6 @@ def fit_of_each(sequence: Sequence, single_fits: list[FrameFit]) -> JointFit:
         converged=all(fit.converged for fit in single_fits),
         lost=tuple(i for i, fit in enumerate(single_fits) if not fit.positive),
     )  # fmt: skip
-
-
-def _with_own_keys(sequence: Sequence, single_fits: list[FrameFit]) -> Sequence:
-    """A sequence with what its frames' own fits have more, of a smooth stress, as unknowns."""
-    own_load = any(u.key == LOAD and not u.shared for u in sequence.unknowns)
-    shared = sequence.count == 1 and not own_load
-    more = dict.fromkeys(
-        key for i, fit in enumerate(single_fits) for key in fit.keys[len(sequence.acting(i)) :]
-    )
-    added = [
-        Unknown(key, (i,), shared)
-        for key in more
-        for i, fit in enumerate(single_fits)
-        if key in fit.keys
-    ]
-    return replace(sequence, unknowns=(*sequence.unknowns, *added))
 
 
 def starting_values(sequence: Sequence, single_fits: list[FrameFit]) -> Array:
@@ -546,8 +530,7 @@ def starting_values(sequence: Sequence, single_fits: list[FrameFit]) -> Array:
             local_values(s, sequence.distances_m[i : i + 1])[0, 2] for s in (fit.scene, own)
         )
         ratios.append(fitted / given)
-        known = fit.values[fit.keys.index(WEAR)] / _spread(fit, WEAR)
-        weights.append(max(1.0, known) ** 2)
+        weights.append(max(1.0, fit.values[fit.keys.index(WEAR)] / _spread(fit, WEAR)) ** 2)
     # a start of next to no wear, and not of none: a step is a share of it
     values[worn] *= max(_LEAST, float(np.average(ratios, weights=weights)))
     return values

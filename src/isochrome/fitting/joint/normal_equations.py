@@ -85,9 +85,7 @@ class NormalEquations:
 
 
 def frame_equations(gamma_fit: LinearPart, rows: Array, *, exact: bool = False) -> NormalEquations:
-    """One frame's normal equations along its directions, `rows` (d, n), which change; its `squares`
-    are a matrix, of each two directions.
-    """
+    """One frame's equations along `rows` (d, n), which change; `squares` of each two."""
     squares = rows @ rows.T
     gamma_fit.project(rows)
     precise = rows.astype(float) if exact else rows
@@ -130,9 +128,7 @@ def solved_along(
 
 
 class DirectionMaps:
-    """Directions in which each frame is rendered once more, keys moved by one step over all
-    distances of the course, and what they say of the unknowns.
-    """
+    """Directions that frames are rendered along, keys moved over all the course."""
 
     def __init__(self, sequence: Sequence, values: Array) -> None:
         self.sequence, self.values = sequence, values
@@ -161,9 +157,7 @@ class DirectionMaps:
         return plain + [key for key in COURSE if shown[key] and key in self._course]
 
     def beside(self, index: int, *, both: bool = False) -> list[tuple[Scene, ...]]:
-        """A frame's scenes moved by one step along each of its keys; by one back too, for `both`:
-        what only priors tell apart needs both sides of a value.
-        """
+        """A frame's scenes a step along each key; for `both`, for priors, one back too."""
         here = self.sequence.frame(self.whole, self.values, index)
         slopes = []
         for key in self.keys(index):
@@ -241,16 +235,8 @@ _CONTRADICTS = 3.0
 """Standard uncertainties beyond which a scar contradicts the fit."""
 
 
-def refuse_scars(sequence: Sequence) -> None:
-    """Raise InputError where a sequence's frames do not show the wear that a scar measures."""
-    if not sequence.run:
-        raise InputError("scar_measured_one_run", name=sequence.scene.name)
-
-
 def measured_areas(scene: Scene) -> tuple[MeasuredArea, ...]:
-    """The worn areas of a scene's [[scar]]; InputError for a trace that cannot be read or levelled,
-    PhysicsError where one shows no scar.
-    """
+    """The worn areas of a scene's [[scar]]; InputError or PhysicsError for a trace without one."""
     traces = [levelled(read_trace(scene.path(scar.file))) for scar in scene.scar]
     if not traces:
         return ()

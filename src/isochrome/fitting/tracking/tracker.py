@@ -45,8 +45,7 @@ from isochrome.fitting.frame.frame_model import (
     stored,
     turned_row,
 )
-from isochrome.fitting.frame.model_frame import ModelFrame, evaluate_model
-from isochrome.fitting.frame.renderer import SceneRenderer, scene_optics
+from isochrome.fitting.frame.renderer import ModelFrame, SceneRenderer, evaluate_model, scene_optics
 from isochrome.fitting.frame.single_state import scene_at, slid_until
 from isochrome.fitting.frame.unknowns import (
     BLUR,
@@ -75,10 +74,9 @@ NoLoad = tuple[Linear | None, Linear | None]
 
 @dataclass(frozen=True, kw_only=True)
 class Apparatus:
-    """What a video's frames have in common besides what their scene says.
-
-    `scene`, with what was found: `keys` (m,), the `covariance` (m, m) of their values; `uneven`,
-    where the light was fitted so; pixels `outside` (rows, cols) are left out; `warnings`, of it.
+    """What a video's frames have in common besides what their scene says. `scene`, with what was
+    found: `keys` (m,), the `covariance` (m, m) of their values; `uneven`, where the light was
+    fitted so; pixels `outside` (rows, cols) are left out; `warnings`, of it.
     """
 
     scene: Scene
@@ -116,7 +114,6 @@ def find_apparatus(
     reader: FrameReader, scene: Scene, keys: tuple[str, ...], *, count: int, no_load: NoLoad
 ) -> Apparatus:
     """Ask a video's first frame for what belongs to the apparatus; else the middle or last one.
-
     `count` of its frames, where `keys` are tracked. Of a contact that wears only the first is
     asked: what has worn the others is not known yet. The scene as it is where none shows anything.
     """
@@ -182,12 +179,11 @@ _GROWN = 0.02
 
 
 class TrackedModel(FrameModel):
-    """Every few pixels of a course's frames, about `place` (p,), where the contact was solved.
-
-    The field turns with each value from there. A contact is solved once a frame or twice, and what
+    """Every few pixels of a course's frames, about `place` (p,), where the contact was solved. The
+    field turns with each value from there. A contact is solved once a frame or twice, and what
     turns its field is kept from frame to frame as long as it serves. `bend`, by how much of a step
-    its slopes err; `held`, keys of the apparatus whose
-    values have an uncertainty; `full`, the largest grey level.
+    its slopes err; `held`, keys of the apparatus whose values have an uncertainty; `full`, the
+    largest grey level.
     """
 
     def __init__(
@@ -195,7 +191,6 @@ class TrackedModel(FrameModel):
         held: tuple[str, ...], usual_load_n: float,
     ) -> None:  # fmt: skip
         """`data`, of a frame, whole; `usual_load_n`, about the load that wore the contact before.
-
         Raises PhysicsError where no pixel is left.
         """
         stride = max(2, thinning(data.light.size, _PIXELS))
@@ -337,10 +332,9 @@ class TrackedModel(FrameModel):
         return field, shown + (values - middle).astype(np.float32) @ fading
 
     def holds_past(self, found: RefinedFit | None) -> bool:
-        """Hold the loads before a first frame at the usual one, unless that tells of others.
-
-        By the evidence for them, at even odds: what is known of those loads before the frame and
-        after it, both at the usual one. Source: Dickey (1971), Ann. Math. Stat. 42, 204.
+        """Hold the loads before a first frame at the usual one, unless that tells of others. By the
+        evidence for them, at even odds: what is known of those loads before the frame and after it,
+        both at the usual one. Source: Dickey (1971), Ann. Math. Stat. 42, 204.
         """
         count = len(self._course.tracked)
         if found is not None:
@@ -369,8 +363,7 @@ class TrackedModel(FrameModel):
     def _signal(self, values: Array) -> Array:
         """The signal (n,) of every pixel at some values."""
         field, shown = self._turned(values)
-        signal = self._optics.signal(field, visibility=shown)
-        return np.asarray(signal, np.float32)
+        return np.asarray(self._optics.signal(field, visibility=shown), np.float32)
 
     def look(self, light: Array) -> None:
         """Choose pixels (n,) by a model of their light, and weigh them by its noise."""
@@ -395,11 +388,10 @@ FAR = "model_too_far_off"
 
 @dataclass(frozen=True, kw_only=True)
 class Tracked:
-    """What was found in one frame of a video: `values` (keys,) in the units that these name.
-
-    NaN where the frame does not show the scene's fringes; then `chi` is known where the model was
-    too far off alone. `standard_uncertainty` and `cramer_rao_bound` (keys,) are infinite for what
-    the frame does not tell; `searched`, whether it was searched for, not followed.
+    """What was found in one frame of a video: `values` (keys,) in the units that these name. NaN
+    where the frame does not show the scene's fringes; then `chi` is known where the model was too
+    far off alone. `standard_uncertainty` and `cramer_rao_bound` (keys,) are infinite for what the
+    frame does not tell; `searched`, whether it was searched for, not followed.
     """
 
     values: Array
@@ -435,10 +427,7 @@ class Tracker:
         no_load: NoLoad = (None, None), apparatus: Apparatus | None = None,
         alone: Alone | None = None,
     ) -> None:  # fmt: skip
-        """`apparatus`, with the scene in it; `alone` fits frames until there is a track.
-
-        Raises InputError for a scene or a key that cannot be tracked.
-        """
+        """`alone` fits frames until there is a track; InputError for what cannot be tracked."""
         self.scene, self.keys, self._alone = scene, keys, alone
         # about the load that has worn the contact before its first frame
         self._usual_load_n = scene.load_at(0.0)
@@ -516,9 +505,8 @@ class Tracker:
         return result
 
     def model_frame(self, frame: Frame) -> tuple[FrameData, ModelFrame, Scene]:
-        """The frame that was tracked last, with every pixel, its model, and the scene of that.
-
-        Its noise is that of the track. Raises InputError on a blank frame, PhysicsError where the
+        """The frame that was tracked last, with every pixel, its model, and the scene of that. Its
+        noise is that of the track. Raises InputError on a blank frame, PhysicsError where the
         contact cannot be solved.
         """
         assert self._values is not None and self._model is not None
@@ -588,10 +576,7 @@ class Tracker:
         self, frame: Frame, fitted: Scene, chi: float, worn_m: float | None,
         distance_m: float | None,
     ) -> RefinedFit | None:  # fmt: skip
-        """A frame from the scene that was `fitted` to it alone, with its `chi`.
-
-        `worn_m`, the distance by which that counts its wear; `distance_m`, slid until the frame.
-        """
+        """A frame from the scene `fitted` to it alone; its wear counts by `worn_m`."""
         begun = self.course.fitted(fitted, worn_m or 0.0, self._usual_load_n)
         self._model = self._prepare(frame)
         result = self._follow(frame, self._model, begun)

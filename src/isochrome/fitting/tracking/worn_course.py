@@ -66,10 +66,9 @@ class Worn(NamedTuple):
 
 
 class WornCourse:
-    """One-state scenes of a contact along a run, by the values of `keys`.
-
-    `tracked`, the keys that are reported; `now`, the scene of the frame in hand without its wear;
-    `past`, the loads (k,) before the first frame and their covariance (k, k), once that told them.
+    """One-state scenes of a contact along a run, by the values of `keys`. `tracked`, the keys that
+    are reported; `now`, the scene of the frame in hand without its wear; `past`, the loads (k,)
+    before the first frame and their covariance (k, k), once that told them.
     """
 
     def __init__(self, scene: Scene, tracked: tuple[str, ...]) -> None:
@@ -136,7 +135,6 @@ class WornCourse:
 
     def fitted(self, scene: Scene, distance_m: float, usual_load_n: float) -> Array:
         """The frame's values (keys,) by a fitted scene of its own, worn until a distance (m) there.
-
         `usual_load_n`, about the load that wore the contact before its first frame.
         """
         values = self.own_values()
@@ -160,10 +158,9 @@ class WornCourse:
         return scene
 
     def take(self, values: Array) -> Array:
-        """Wear the contact until the frame in hand, by some values of its `keys`.
-
-        Returns the values that the scar stands for: of a wear coefficient, what has worn until now.
-        Raises PhysicsError where a contact does not converge.
+        """Wear the contact until the frame in hand, by some values of its `keys`. Returns the
+        values that the scar stands for: of a wear coefficient, what has worn until now. Raises
+        PhysicsError where a contact does not converge.
         """
         self.after, drive = self._areas(values), self._drive(values)
         if self._site is None:
@@ -190,7 +187,6 @@ class WornCourse:
     @contextmanager
     def beside(self, key: str, values: Array) -> Iterator[float]:
         """Stand, within this, on what a step of a key more has worn; gives the step, nought: none.
-
         `values` (keys,), for which the frame's own scar was taken.
         """
         scar, step, (_, law, worn) = self._scar, 0.0, self.after
@@ -254,10 +250,7 @@ class WornCourse:
         return (self.after.worn_mm2 - since_mm2) / (since_mm2 + self._elastic_mm2(values))
 
     def _elastic_mm2(self, values: Array) -> float:
-        """Area that the indenter would cut off were it not for the elasticity, P' a / E*.
-
-        Half of the contact is a. Source: Johnson (1985), Contact Mechanics, section 4.2.
-        """
+        """Area that elasticity keeps, P' a / E*, of half width a: Johnson (1985), 4.2."""
         assert self._pressure is not None
         half = 0.5 * self.site.grid.spacing_mm * np.count_nonzero(self._pressure)
         return self._drive(values)[0] * half / elastic_constants(self.now)[0]
