@@ -50,11 +50,8 @@ LABEL = "Rendered by Isochrome (tests/render_samples.py), not captured"
 
 @dataclass(frozen=True)
 class Sensor:
-    """A camera's own faults, the same in all its frames.
-
-    `dead`, `hot` (n, 2), (row, col) of pixels that read 0 or 255; `glare` (row, col, radius) of a
-    lamp's reflection, in pixels, or None.
-    """
+    """A camera's own faults, the same in all its frames. `dead`, `hot` (n, 2), (row, col) of pixels
+    that read 0 or 255; `glare` (row, col, radius) of a lamp's reflection, in pixels, or None."""
 
     dead: NDArray[np.int64]
     hot: NDArray[np.int64]
@@ -107,8 +104,7 @@ def finer(scene: Scene, factor: int) -> Scene:
 
 
 def dark_field(order: Array) -> Array:
-    """The ideal dark-field signal of pixels, each the mean of its points; NaN: no specimen, no
-    light."""
+    """The ideal dark-field signal of pixels, each the mean of its points; NaN: no light."""
     known = np.isfinite(order)
     visibility, _ = pixel_visibility(order)
     chain = make_chain(Polariscope(field="dark"))
@@ -264,15 +260,13 @@ def true_film(nominal: Scene) -> Scene:
     load = given["load_n"] * (1.0 + swing)
     first, last = given["friction"]
     friction = last + (first - last) * np.exp(-5.0 * seconds / seconds[-1])
-    return nominal.with_values(
-        {
-            "load.normal_n": {"distance_m": distance, "value": load.round(6)},
-            "friction.coefficient": {"distance_m": distance, "value": friction.round(6)},
-            "wear.distances_m": distance,
-            "numerics.spacing_mm": nominal.get("camera.pixel_mm") / (_POINTS * RENDERING["nodes"]),
-            **given["scene"],
-        }
-    )
+    values = {
+        "load.normal_n": {"distance_m": distance, "value": load.round(6)},
+        "friction.coefficient": {"distance_m": distance, "value": friction.round(6)},
+        "wear.distances_m": distance,
+        "numerics.spacing_mm": nominal.get("camera.pixel_mm") / (_POINTS * RENDERING["nodes"]),
+    }
+    return nominal.with_values(values | given["scene"])
 
 
 def render_bending(folder: Path, seed: int) -> None:
@@ -289,8 +283,7 @@ def render_bending(folder: Path, seed: int) -> None:
 
 
 def true_order(load_n: float, beam: dict[str, float], pixel_mm: float) -> Array:
-    """Fringe order at the points of every pixel; NaN outside the beam, whose sizes are the
-    set's."""
+    """Fringe order at the points of every pixel; NaN outside the beam, of the set's sizes."""
     shape = RENDERING["bending_shape"]
     row, col = ((np.arange(n * _POINTS) + 0.5) / _POINTS - 0.5 for n in shape)
     given = TRUTH["bending"]
@@ -307,9 +300,8 @@ def true_order(load_n: float, beam: dict[str, float], pixel_mm: float) -> Array:
 def render_disc(folder: Path, seed: int) -> None:
     """Write the images, the calibration set, a scene and the truth to a folder."""
     truth = TRUTH["disc"]
-    scene = parse_scene(sample_text("disc-scene.toml"), name="disc").with_values(
-        {key: truth[key] for key in ("camera.left_mm", "camera.top_mm")}
-    )
+    place = {key: truth[key] for key in ("camera.left_mm", "camera.top_mm")}
+    scene = parse_scene(sample_text("disc-scene.toml"), name="disc").with_values(place)
     rows, cols = scene.get("camera.height_px"), scene.get("camera.width_px")
     sensor = make_sensor((rows, cols), [seed, 20], faulty=RENDERING["calibration_faulty"])
     fine = finer(scene, _POINTS)
@@ -342,10 +334,8 @@ def render_wear(folder: Path, seed: int) -> None:
     time = np.arange(int(end_s * tester["rate_hz"]) + 2) / tester["rate_hz"]
     scatter = _correlated(len(time), tester["keep"], np.random.default_rng([seed, 31]))
     coefficient = truth.friction_at(1e-3 * speed * time) + tester["scatter"] * scatter
-    write_csv(
-        folder / "friction.csv",
-        {"time_s": np.round(time, 1).tolist(), "coefficient": np.round(coefficient, 4).tolist()},
-    )
+    rows = {"time_s": np.round(time, 1).tolist(), "coefficient": np.round(coefficient, 4).tolist()}
+    write_csv(folder / "friction.csv", rows)
     write_text(folder / "set.toml", text)
     values = {
         **_values_of(truth, "load.normal_n", "wear.coefficient_mm2_per_n"),

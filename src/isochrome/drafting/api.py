@@ -18,21 +18,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from isochrome import figures, fitting
+from isochrome import estimation, figures, fitting
 from isochrome.drafting import scene_draft
 from isochrome.drafting.fields import QUANTITIES
 from isochrome.drafting.scene_draft import SceneDraft
 from isochrome.errors import InputError, PhysicsError
-from isochrome.estimation import (
-    ALIKE_CHI,
-    FIRST_DEGREES,
-    POOR_CHI,
-    RIVAL_CHI,
-    FrameData,
-    light_basis,
-    prepare_frame,
-    total_degree,
-)
+from isochrome.estimation import POOR_CHI, FrameData, light_basis, prepare_frame, total_degree
 from isochrome.frames import Frame, FrameReader, as_turned, open_frames
 from isochrome.messages import message
 from isochrome.output import named_frames, staged, write_figure, write_text
@@ -75,9 +66,8 @@ def draft_figure(data: FrameData, scene: Scene, values: Sequence[scene_draft.Dra
         if value.origin == "found" and value.key not in ("camera.left_mm", "camera.top_mm")
     ]
     lines = "Line: surface, or top (z = 0); dotted: middle (x = 0)"
-    return figures.panels_figure(
-        figures.PaperPanels(kinds=kinds, labels=[""]), f"{'    '.join(texts)}\n{lines}"
-    )
+    panels = figures.PaperPanels(kinds=kinds, labels=[""])
+    return figures.panels_figure(panels, f"{'    '.join(texts)}\n{lines}")
 
 
 def _in_grey(axes: Axes, image: Floats, *, like: Floats, **place: Any) -> AxesImage:
@@ -87,9 +77,8 @@ def _in_grey(axes: Axes, image: Floats, *, like: Floats, **place: Any) -> AxesIm
 
 
 _FAR, _FEW = 5.0, 0.002
-"""Standard deviations, and the share of pixels that may lie beyond them. Unloaded frames of the
-sample's bench leave 0.0006 at the most, a contact of a fifth of a fringe 0.0004, one of a third
-0.008, and one of half a fringe 0.03."""
+"""Standard deviations, and the share of pixels that may lie beyond them: unloaded frames leave
+0.0006 at the most, a contact of a fifth of a fringe 0.0004, of a third 0.008, of a half 0.03."""
 
 _RIM = 0.03
 """Share of the rows and columns at each edge that may lie in a holder's shadow."""
@@ -101,7 +90,7 @@ def has_no_fringes(data: FrameData) -> bool:
     inner = np.zeros(data.shape, dtype=bool)
     inner[rows:-rows, cols:-cols] = data.valid[rows:-rows, cols:-cols]
     weight = 1.0 / data.sigma[inner]
-    basis = weight * light_basis(data.shape, total_degree(FIRST_DEGREES[1]))[:, inner]
+    basis = weight * light_basis(data.shape, total_degree(estimation.FIRST_DEGREES[1]))[:, inner]
     light = weight * data.light[inner]
     error = light - np.linalg.lstsq(basis.T, light, rcond=None)[0] @ basis
     return bool(np.mean(np.abs(error) > _FAR) < _FEW)
@@ -185,10 +174,8 @@ def _ranked(
 def _is_lost(fit: fitting.FrameFit, start: fitting.PictureStart) -> bool:
     """Whether a fit is so far off that its values say nothing, as `process` has it."""
     sigma = start.data.toned(fit.scene.get(fitting.GAMMA)).sigma
-    return (
-        fit.chi * fitting.evaluate_model(start.data, fit.scene).contrast_noise(sigma)
-        > fitting.TOO_FAR
-    )
+    noise = fitting.evaluate_model(start.data, fit.scene).contrast_noise(sigma)
+    return fit.chi * noise > fitting.TOO_FAR
 
 
 def _clear_best(
@@ -200,7 +187,7 @@ def _clear_best(
     two = [
         (fit.scene.get(LOAD), fit.scene.get(fitting.FRICTION), *s.lying[:3]) for fit, s in fits[:2]
     ]
-    if len(two) > 1 and fits[1][0].chi < ALIKE_CHI * fits[0][0].chi:
+    if len(two) > 1 and fits[1][0].chi < estimation.ALIKE_CHI * fits[0][0].chi:
         (load, friction, *lying), (load_2, friction_2, *lying_2) = two
         near = abs(load_2 / load - 1.0) < 0.01 and abs(friction_2 - friction) < 0.01
         if not near or lying != lying_2:
@@ -233,10 +220,7 @@ _HAS_SIDE = 4.0
 
 
 def draft_contact(frames: FrameReader, given: scene_draft.KnownValues) -> SceneDraft:
-    """Draft the scene of a contact by the first frame that it explains; see `draft_scene`.
-
-    Where it explains none, the first refusal of one with fringes.
-    """
+    """Draft a contact's scene by the first frame that it explains, or raise the first refusal."""
     pixel_mm = given.pixel_mm or frames.pixel_mm
     assert pixel_mm is not None
     camera = {"pixel_mm": pixel_mm, "left_mm": 0.0, "top_mm": 0.0}
@@ -331,9 +315,7 @@ def fitted_values(
     values += [scene_draft.DraftValue(FIELD, lying.field, "found")] * (given.field is None)
     if given.rotate_deg is None and lying.rotate_deg:
         note = "quarter turns, counter-clockwise, after which the load comes from above"
-        values.append(
-            scene_draft.DraftValue(scene_draft.TURN, lying.rotate_deg, "found", note=note)
-        )
+        values += [scene_draft.DraftValue(scene_draft.TURN, lying.rotate_deg, "found", note=note)]
     return values
 
 
@@ -375,7 +357,7 @@ def draft_disc(frames: FrameReader, given: scene_draft.KnownValues) -> SceneDraf
     fits = _ranked(starts, keys, cold=True)
     if not fits or _is_lost(*fits[0]):
         raise PhysicsError("disc_fringes_not_frame", name=data.name)
-    if len(fits) > 1 and fits[1][0].chi < RIVAL_CHI * fits[0][0].chi:
+    if len(fits) > 1 and fits[1][0].chi < estimation.RIVAL_CHI * fits[0][0].chi:
         ways = " and ".join(
             f"turned by {start.lying.rotate_deg} in the {start.lying.field} field"
             for _, start in fits[:2]
@@ -400,12 +382,10 @@ def draft_without_model(frames: FrameReader, given: scene_draft.KnownValues) -> 
     quantities = (QUANTITIES[k] for k in (*scene_draft.NEEDED_BESIDE, "pixel_mm"))
     hints = {quantity.key: quantity.question for quantity in quantities} | _STANDARD
     open_keys = [scene_draft.OpenKey(key, hint) for key, hint in hints.items()]
-    sentences = [message("specimen_has_no_model")]
     image = as_turned(frame.image, given.rotate_deg or 0, given.flip)
     kind = figures.PictureKind(name="", draw=lambda axes, _: _in_grey(axes, image, like=image))
-    draw = partial(
-        figures.panels_figure, figures.PaperPanels(kinds=[kind], labels=["the frame"]), ""
-    )
+    panels = figures.PaperPanels(kinds=[kind], labels=["the frame"])
+    draw, sentences = partial(figures.panels_figure, panels, ""), [message("specimen_has_no_model")]
     return scene_draft.written_draft(
         frames, given, frame.index, sentences, (), draw, open_keys=open_keys
     )
@@ -418,9 +398,7 @@ def draft_scene(
     frames: FramesLike, given: scene_draft.KnownValues, leave_out: Sequence[str | Path]
 ) -> SceneDraft:
     """Draft a scene from frames as captured and what is known besides; nothing is written.
-
-    InputError names the option without which nothing can be found; PhysicsError: no fringes of it.
-    """
+    InputError names the option without which nothing can be found; PhysicsError: no fringes."""
     drafts = {"contact": draft_contact, "disc": draft_disc, "other": draft_without_model}
     taken = {name: getattr(given, name) for name in ("channel", "wavelength_nm", "bit_depth")}
     with open_frames(frames, **taken, leave_out=leave_out) as reader, single_threaded():

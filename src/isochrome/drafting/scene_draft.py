@@ -168,10 +168,9 @@ def _written(value: DraftValue) -> tuple[str, str]:
 
 def _comment(text: str) -> list[str]:
     plain = "".join(c if c.isprintable() else " " for c in text)  # a file's name may hold anything
-    hanging = textwrap.TextWrapper(
-        _WIDTH, initial_indent="# ", subsequent_indent="# ", break_on_hyphens=False
+    return textwrap.wrap(
+        plain, _WIDTH, initial_indent="# ", subsequent_indent="# ", break_on_hyphens=False
     )
-    return hanging.wrap(plain)
 
 
 Origin = Literal["file", "given", "found"]
@@ -271,10 +270,8 @@ class SceneDraft(Result):
     @property
     def title(self) -> str:
         """How much was found, and how much is open."""
-        return (
-            f"Scene from frame {self.frame}: {counted(len(self.found), 'value')} found, "
-            f"{counted(len(self.open), 'line')} to fill in"
-        )
+        values, lines = counted(len(self.found), "value"), counted(len(self.open), "line")
+        return f"Scene from frame {self.frame}: {values} found, {lines} to fill in"
 
     def main_values(self) -> Iterator[tuple[str, str]]:
         """What was found, and chi."""
@@ -376,10 +373,7 @@ def frame_of(reader: FrameReader, index: int, given: KnownValues) -> Frame:
 
 
 def values_as_known(reader: FrameReader, given: KnownValues, *, turned: bool) -> list[DraftValue]:
-    """The shape, what it needs as given, and the camera's size, bits and scale.
-
-    `turned`: the scene lies a quarter turn otherwise.
-    """
+    """The shape, what it needs as given, and the camera; `turned`: by a quarter turn."""
     shape, depth = given.shape, reader.bit_depth
     values = [DraftValue("specimen.shape", shape, "given")] * (shape in STATED_SHAPES)
     for name in NEEDED[shape] or NEEDED_BESIDE:

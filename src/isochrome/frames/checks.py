@@ -58,9 +58,7 @@ NoLoad = tuple[linear.Linear | None, linear.Linear | None]
 
 def no_load_pictures(scene: Scene, no_load: NoLoad) -> dict[str, Array] | None:
     """Block means of the no-load frames' light; None where unloaded frames are not looked for.
-
-    Where loads change, some frames have none, or steps or colours tell the orders.
-    """
+    Where loads change, some frames have none, or steps or colours tell the orders."""
     frames, load = scene.frames, scene.load
     changes = load is not None and not isinstance(load.normal_n, int | float)
     without = frames.starts_unloaded or frames.known_loads_n or scene.polariscope.tells_orders
@@ -78,10 +76,8 @@ def no_load_pictures(scene: Scene, no_load: NoLoad) -> dict[str, Array] | None:
 def _load_signs(
     frame: Frame, pictures: dict[str, Array], full: float, gamma: float
 ) -> dict[str, float]:
-    """How far a frame's light is from each picture, whose lamp may have drifted; inf: unknown.
-
-    And how far its levels go up and down along its lines, at `most` and as is `usual`.
-    """
+    """How far a frame's light is from each picture, whose lamp may have drifted; inf: unknown. And
+    how far its levels go up and down along its lines, at `most` and as is `usual`."""
     blocks = _blocks(frame.image, frame.mask) / full
     light = np.sign(blocks) * np.abs(blocks) ** gamma
     signs = {}
@@ -136,12 +132,10 @@ class Finding:
 
 @dataclass(kw_only=True)
 class Survey:
-    """Raw figures of each frame, in grey levels, of the specimen's pixels; and of all together.
-
-    In `rows`: `low` and `high`, 2nd and 98th percentile, `smallest` and `largest` of the finite
-    pixels (NaN: there are none), the shares `saturated` (on the plateau, where clipped) and
-    `not_finite`, and what says whether it is loaded, where that is asked.
-    """
+    """Raw figures of the specimen's pixels, grey levels, by frame in `rows`: `low`, `high`, 2nd and
+    98th percentile, `smallest`, `largest` of the finite ones (NaN: none), the shares `saturated`
+    (on the plateau, where clipped) and `not_finite`, and, where asked, the signs of a load; and of
+    all frames."""
 
     rows: list[dict[str, float]] = field(default_factory=list)
     noise: list[float] = field(default_factory=list)  # sigma at mid level of frames 0, 1, 3, 7, ...
@@ -211,8 +205,7 @@ def misfits(reader: FrameReader, scene: Scene, count: int | None) -> Iterator[tu
     wear, steps = scene.wear, scene.polariscope.frames_a_state
     each = count is not None and count % steps == 0
     if count is not None and not each:
-        text = message("frames_not_multiple_polariscope", count=count, steps=steps)
-        yield str(reader.path), text
+        yield str(reader.path), message("frames_not_multiple_polariscope", count=count, steps=steps)
     loads = len(scene.frames.known_loads_n)
     if loads and count is not None and loads != count:
         numbers = counted(loads, "number"), counted(count, "frame")
@@ -258,9 +251,7 @@ def _places_beyond(scene: Scene, rows: int, cols: int) -> Iterator[tuple[str, st
             text = message("frames_known_order_row_column", i=i, **place)
             yield scene.name, f"{text}outside {rows} x {cols} pixels; move it"
     # an outline may run along the picture's edge, half a pixel beyond its last centre
-    lines: list[Any] = [
-        ("known_line", *line, 0.0) for line in enumerate(frames.known_line, start=1)
-    ]
+    lines: list[Any] = [("known_line", *line, 0.0) for line in enumerate(frames.known_line, 1)]
     lines += [("free_boundary", *line, 1.0) for line in enumerate(frames.free_boundary, start=1)]
     for name, i, path, slack in lines:
         for k, (row, col) in enumerate(path.places, start=1):
@@ -276,8 +267,7 @@ def of_depth(reader: FrameReader, light: Survey) -> Iterator[Finding]:
     if reader.dtype.kind == "f" and depth is None and largest > 1:
         yield Finding("error", message("float_frames_reach_set", largest=largest))
     if reader.dtype.kind == "f" and depth is not None and 0 < largest <= 1:
-        text = message("float_frames_end_but", largest=largest, depth=depth)
-        yield Finding("warning", text)
+        yield Finding("warning", message("float_frames_end_but", largest=largest, depth=depth))
     if depth is None or depth <= 8 or reader.dtype.kind != "u" or not light.bits:
         return
     likely = next(b for b in (8, 10, 12, 14, 16) if largest < 2**b)
@@ -324,8 +314,7 @@ def of_light(reader: FrameReader, light: Survey) -> Iterator[Finding]:
     if dim.any() and not jumps.any():
         text = message("brightest_places_down_those", least=top / float(high[dim].min()))
         yield from _frames("warning", dim, text)
-    twins = np.zeros(light.count, bool)
-    twins[light.twins] = True
+    twins = np.isin(np.arange(light.count), light.twins)
     yield from _frames("warning", twins & clear, message("same_pixel_pixel_earlier"))
     if light.noise:
         unit = "of full scale" if reader.bit_depth is None else "grey levels"
@@ -471,8 +460,7 @@ class Check(Result):
         if light is None or not self.count:
             raise InputError("no_frame_read_there")
         figure = new_figure(7.5, 4.6)
-        panels: Any = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
-        levels, saturated = panels
+        levels, saturated = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
         frame, low, high = np.arange(light.count), light.of("low"), light.of("high")
         levels.fill_between(frame, low, high, color=LINE_COLOURS[0], alpha=0.3, lw=0)
         look: Any = {"marker": "o", "ms": 3, "lw": LINE_PT}
@@ -493,10 +481,7 @@ class Check(Result):
 
 
 def look_through(path: FramesLike, scene: Scene) -> Check:
-    """What is wrong with captured frames for this scene, in one pass, without a model.
-
-    Frames that cannot be read are a finding, not an exception; errors come first.
-    """
+    """What is wrong with captured frames for this scene, in one pass, without a model."""
     findings = []
     if not scene.has_model:
         open_shape, why = scene.specimen.shape is None, scene.no_model_reason

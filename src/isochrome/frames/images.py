@@ -1,8 +1,7 @@
 """Image files and TIFF stacks; what a file is by its first bytes, whatever it is called.
 
 Of a TIFF, page by page: where they are, when they were taken, how large a pixel is. Sources: the
-formats' own specifications (TIFF 6.0 and BigTIFF, PNG, JPEG, BMP, Netpbm, WebP), and for videos
-those of `frames.video`.
+formats' own specifications (TIFF 6.0 and BigTIFF, PNG, JPEG, BMP, Netpbm, WebP).
 """
 
 from __future__ import annotations
@@ -45,11 +44,9 @@ SECONDS = {
 
 
 def read_ome(text: str, path: Path) -> tuple[dict[str, Any], tuple[int, int, int]]:
-    """What the OME notes of one image in one file tell, for `TiffLayout`; its sizes in C, Z, T.
-
-    InputError where they are no XML, tell of several images or files, or of pixels that are not
-    square. Source: OME schema 2016-06, elements Image, Pixels, Channel, TiffData, Plane.
-    """
+    """What the OME notes of one image in one file tell, for `TiffLayout`, and its sizes in C, Z, T;
+    else InputError. Source: OME schema 2016-06, elements Image, Pixels, Channel, TiffData,
+    Plane."""
     if "<!DOCTYPE" in text or "<!ENTITY" in text:  # entities can grow without bounds
         raise InputError("ome_notes_define_entities", path=path)
     try:
@@ -112,10 +109,8 @@ def _pixel_mm(pixels: ElementTree.Element, path: Path) -> float | None:
 def _times(
     pixels: ElementTree.Element, planes: int
 ) -> tuple[float | None, tuple[float | None, ...] | None]:
-    """The first plane's own time (s), and each one's from there, in the order of the frames.
-
-    Both None where not each plane has one; one of them, where it does not come after all before.
-    """
+    """The first plane's own time (s), and each one's from there, in the order of the frames. Both
+    None where not each plane has one; one of them, where it does not come after all before."""
     times: dict[int, float] = {}
     for plane in pixels.iterfind("{*}Plane"):
         factor = SECONDS.get(plane.get("DeltaTUnit", "s"), math.nan)
@@ -286,9 +281,7 @@ _TURN = threading.Lock()
 @contextmanager
 def silence_stderr() -> Iterator[None]:
     """Nothing that C code writes to standard error comes out: libtiff says it no other way.
-
-    Python's own messages of other threads are held back too: the block is to be short.
-    """
+    Python's own messages of other threads are held back too: the block is to be short."""
     with _TURN:
         try:
             saved = os.dup(STANDARD_ERROR)
@@ -314,12 +307,9 @@ MOST_CHANNELS = 7
 
 @dataclass(frozen=True, kw_only=True)
 class TiffLayout:
-    """The frames of a TIFF: `pages`, each one's number in the file and the byte of its head.
-
-    Where `hidden`, all lie one behind the other after the first page's, without heads. `times_s`,
-    of each frame from the first (None: unknown), which came at `first_s`; or `interval_s`; or
-    neither.
-    """
+    """The frames of a TIFF: `pages`, each one's number and its head's byte; `hidden`, all lie
+    behind the first, without heads; `times_s` from the first at `first_s` (None: unknown), or
+    `interval_s`."""
 
     pages: tuple[tuple[int, int], ...]
     hidden: bool = False
@@ -365,10 +355,7 @@ def _interval(meta: dict[str, Any]) -> float | None:
 
 
 def _claimed(tif: tifffile.TiffFile, meta: dict[str, Any], counted: int) -> tuple[int, bool]:
-    """Number of frames by the notes of ImageJ or tifffile, and whether they leave out their heads.
-
-    ImageJ's layout of large stacks: all have room behind the only head.
-    """
+    """Frames by ImageJ's or tifffile's notes; whether all lie behind the only head."""
     page: Any = tif.pages[0]
     claimed = _whole(meta, "images", counted)
     if tif.is_shaped and counted == 1 and not tif.is_imagej:
@@ -404,9 +391,7 @@ def _check_axes(path: Path, channels: int, slices: int, times: int) -> None:
 
 def _pixel_mm_of(tif: tifffile.TiffFile, path: Path) -> float | None:
     """The pixel's side, mm, that an open TIFF names; dots per inch are a print size, and do not.
-
-    InputError where its pixels are not square, as all lengths would be wrong.
-    """
+    InputError where its pixels are not square, as all lengths would be wrong."""
     tags: Any = getattr(tif.pages[0], "tags", {})
     (xn, xd), (yn, yd) = (
         tags[name].value if name in tags else (0, 0) for name in ("XResolution", "YResolution")
@@ -606,11 +591,8 @@ def _frames(
 
 
 def read_image(path: Path) -> np.ndarray:
-    """Decode an image file to (row, col) or (row, col, 3) in RGB, uint8, uint16 or float.
-
-    Transparency is dropped, a palette becomes RGB, and a camera's orientation mark is ignored: the
-    pixels stay where the sensor had them.
-    """
+    """An image file's pixels (row, col) or (row, col, 3) in RGB, uint8, uint16 or float, without
+    transparency or palette, where the sensor had them: a camera's orientation mark is ignored."""
     kind = signature_of(path).kind
     if kind == "tiff":
         return read_single(path)

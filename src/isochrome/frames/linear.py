@@ -1,26 +1,19 @@
-"""From raw grey levels to light, and from light to the fringe signal.
+"""From raw grey levels to light and the fringe signal; a camera's noise; where a frame is clipped.
 
-Light: full scale, gamma, and which pixels can be trusted. Signal: a frame of a polariscope is
-I = D + (B - D) s, where D is the background (the unloaded specimen in the dark field), B the full
-illumination (the same in the bright field), and s the fringe signal: s = sin^2(pi N) in the dark
-field and cos^2(pi N) in the bright one, N the fringe order.
+A frame of a polariscope is I = D + (B - D) s: D, the background (the unloaded specimen in the dark
+field), B, the full illumination (the same in the bright field), and s, the fringe signal,
+sin^2(pi N) in the dark field and cos^2(pi N) in the bright one, N the fringe order.
 
-The no-load frames that a scene names: background and illumination.
+Noise, from one frame: a product of fourth differences along rows and columns leaves nothing of a
+smooth picture. A fringe of g fringes per pixel passes with the factor (2 - 2 cos 2 pi g_x)^2 (2 -
+2 cos 2 pi g_y)^2 / 70 of its amplitude, 2e-5 for 0.1 fringe per pixel along a diagonal, while white
+noise keeps its standard deviation.
 
-Camera noise from a single frame, however many fringes it shows.
-
-A product of fourth differences along rows and columns leaves nothing of a smooth picture: a
-fringe of g fringes per pixel passes with the factor (2 - 2 cos 2 pi g_x)^2 (2 - 2 cos 2 pi g_y)^2
-/ 70 of its amplitude, 2e-5 for 0.1 fringe per pixel along a diagonal, while white noise keeps its
-standard deviation.
-
-From which grey level a frame is clipped, told by its plateau and not by the level's number.
-
-A sensor that clips gives one level to all the light beyond it: many pixels share the top level,
-more of them than the histogram just below goes on to; or patches without a hole, which no camera's
-noise leaves. The brightest pixels of a frame that ends at its top level by chance are few, apart,
-and no more than those one level below; a crest that just reaches it has some more, for light I =
-I_max - a x² falls into equal levels as the differences of a square root: 1, 0.41, 0.32, 0.27 of it.
+A sensor that clips gives one level to all the light beyond it: more pixels share the top level than
+the histogram just below goes on to; or patches without a hole, which no camera's noise leaves. The
+brightest pixels of a frame that ends at its top level by chance are few, apart, and no more than
+those one level below; a crest that just reaches it has some more, for light I = I_max - a x² falls
+into equal levels as the differences of a square root: 1, 0.41, 0.32, 0.27 of it.
 """
 
 from __future__ import annotations
@@ -56,19 +49,15 @@ _FEWEST_SQUARES = 14
 
 @dataclass(frozen=True)
 class NoiseModel:
-    """Noise of a camera against grey level: variance = offset + slope level, floor at least.
-
-    In raw grey levels squared (of float frames fractions of full scale), with the rounding to whole
-    ones.
-    """
+    """Noise of a camera against grey level: variance = offset + slope level, floor at least, in raw
+    grey levels (of float frames fractions of full scale) squared, with the rounding's."""
 
     offset: float  # at black
     slope: float
     floor: float
 
     def sigma(self, values: npt.ArrayLike) -> np.ndarray:
-        """Standard deviation (raw grey levels) at raw levels, in single precision where they
-        are."""
+        """Standard deviation (raw grey levels) at raw levels, single precision where they are."""
         levels = np.asarray(values)
         if levels.dtype != np.float32:
             levels = levels.astype(float)
@@ -79,11 +68,8 @@ class NoiseModel:
     def linear_sigma(
         self, values: npt.ArrayLike, *, bit_depth: int | None, gamma: float = 1.0
     ) -> np.ndarray:
-        """Standard deviation of the linear image, as a fraction of full scale.
-
-        gamma (raw / full)^(gamma - 1) sigma(raw) / full; near black the raw level is taken as one
-        sigma at least, where the first order ends.
-        """
+        """gamma (raw / full)^(gamma - 1) sigma(raw) / full, of the linear image; near black the raw
+        level is taken as one sigma at least, where the first order ends."""
         full = full_scale(bit_depth)
         sigma = self.sigma(values)
         level = np.maximum(np.asarray(values, dtype=float), sigma) / full
@@ -98,12 +84,9 @@ def full_scale(bit_depth: int | None) -> float:
 def estimate_noise(
     image: np.ndarray, valid: npt.NDArray[np.bool_] | None = None, *, bit_depth: int | None = None
 ) -> NoiseModel:
-    """A camera's noise from one raw frame, before any gamma, insensitive to its fringes.
-
-    Noise that is correlated between pixels is underestimated, see `noise_between_pixels`. By the
-    bit depth levels near black and white, where clipping hides noise, are left out. InputError
-    where it is under 8 x 8 or has too few valid pixels.
-    """
+    """A camera's noise from one raw frame, before any gamma, insensitive to its fringes; that which
+    is correlated between pixels is underestimated, see `noise_between_pixels`. By the bit depth
+    levels near black and white, where clipping hides noise, are left out."""
     image = np.asarray(image)
     if image.ndim != 2 or min(image.shape) < 8:
         raise InputError("noise_needs_frame_least", shape=image.shape)
@@ -173,12 +156,10 @@ def noise_between_pixels(
     image: np.ndarray, valid: npt.NDArray[np.bool_], model: NoiseModel
 ) -> float:
     """The factor on a frame's standard deviation of noise over what neighbouring pixels show of it.
-
     A lossy file drops the fine part of the noise and keeps the coarse one: it is in the residual e
     of polynomials of degree 4 in squares of 13 pixels, n = 169, wherever the light is that smooth.
     max(1, q / q_white), q the lower decile of (sum e² / (n - 15))^(1/2) / sigma, and q_white = 1 -
-    1.28 (2 (n - 15))^(-1/2), white noise's; 1 where too little of the frame is whole.
-    """
+    1.28 (2 (n - 15))^(-1/2), white noise's; 1 where too little of the frame is whole."""
     if min(image.shape) < _SQUARE:
         return 1.0
     # orthonormal polynomials of two places in a square: (pixels, terms)
@@ -274,11 +255,9 @@ def _is_noisy(image: np.ndarray, below: npt.NDArray[np.bool_], full: float) -> b
 def load_no_load(
     scene: Scene, *, full_shape: tuple[int, int] | None = None
 ) -> tuple[Linear | None, Linear | None]:
-    """The scene's dark and bright no-load frame as light, None where it names none.
-
-    Read as the frames are, stacks averaged; `full_shape` is the captured frames' before the roi.
-    InputError where one cannot be read, is saturated all over, or is of another size.
-    """
+    """The scene's dark and bright no-load frame as light, stacks averaged; None where it names
+    none. `full_shape`, the captured frames' before the roi. InputError: saturated, or of another
+    size."""
     dark, bright = (_average(scene, key, full_shape) for key in ("no_load_dark", "no_load_bright"))
     if dark is not None and bright is not None and dark.image.shape != bright.image.shape:
         raise InputError(
@@ -288,8 +267,7 @@ def load_no_load(
 
 
 def open_no_load_steps(scene: Scene, full_shape: tuple[int, int]) -> FrameReader:
-    """Open the unloaded specimen's phase-stepped set; `full_shape` is the frames' before the
-    roi."""
+    """Open the unloaded specimen's phase-stepped set; `full_shape`, the frames' before the roi."""
     name, steps = scene.frames.no_load_steps, len(scene.polariscope.step)
     assert name is not None
     path = scene.path(name)
@@ -365,13 +343,9 @@ def to_linear(
     allow_blank: bool = False,
     mask: Mask | None = None,
 ) -> Linear:
-    """Raw grey levels as light, a fraction of full scale: (raw / (2^bit_depth - 1))^gamma.
-
-    gamma is 1 of a linear camera, about 2.2 of the usual (sRGB-like) tone curve. `bit_depth` None:
-    fractions already; `allow_blank`: a constant frame is right, as an ideal no-load one is.
-    InputError where it is constant, without a finite pixel, out of range, or not of the mask's
-    size.
-    """
+    """Light as a fraction of full scale: (raw / (2^bit_depth - 1))^gamma, gamma 1 of a linear
+    camera, about 2.2 of the usual (sRGB-like) tone curve. `bit_depth` None: fractions already;
+    `allow_blank`: a constant frame is right, as an ideal no-load one is."""
     if isinstance(image, Frame):
         name, mask, image = name or image.name, image.mask, image.image
     raw, name = np.asarray(image), name or "the frame"
@@ -414,12 +388,9 @@ def _check_levels(numbers: np.ndarray, bit_depth: int | None, allow_blank: bool,
 
 
 def find_outliers(image: np.ndarray, finite: Mask | None = None) -> Mask:
-    """Find dead and hot pixels: those far outside the range of the eight around them.
-
-    One exceeds the second largest of its neighbours (or falls below the second smallest) by 8 noise
-    sigmas and by their whole spread. A fringe, however fine, has neighbours as bright as itself
-    along its length. One such pixel and a pair are found; larger flaws, and the outermost, are not.
-    """
+    """Dead and hot pixels, alone or two together and not outermost: beyond the second largest (or
+    smallest) of the eight neighbours by 8 noise sigmas and by their whole spread. A fringe, however
+    fine, has neighbours as bright as itself along its length."""
     import cv2
 
     outliers = np.zeros(image.shape, bool)

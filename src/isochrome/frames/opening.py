@@ -1,7 +1,6 @@
 """Which reader files or arrays need, and what is read: channel, region, bit depth, mask.
 
-Several videos or TIFF stacks are one recording; a command line's names, folders and globs are
-recordings.
+Several videos or TIFF stacks are one recording, as are a command line's names, folders and globs.
 """
 
 import glob
@@ -42,11 +41,8 @@ class WithFrames(Protocol):
 
 
 def load_mask(scene: WithFrames, shape: tuple[int, int], full_shape: tuple[int, int]) -> Mask:
-    """The specimen's pixels, inside frames.mask, frames.polygon_px and closed free boundaries.
-
-    Of the roi's size `shape`; all True where the scene names none. InputError where the file is
-    missing, a picture, of neither size, or leaves no pixel.
-    """
+    """The specimen's pixels, of the roi's size `shape`: inside frames.mask, frames.polygon_px and
+    closed free boundaries; all where none is named. InputError: no file, no mask, another size."""
     inside = np.ones(shape, dtype=bool)
     frames = scene.frames
     if frames.mask is not None:
@@ -182,11 +178,9 @@ def _frames(
 
 
 class Parts:
-    """The frames of several files in their order, with times that go on from file to file.
-
-    A file's first frame follows the last of the file before by that one's frame interval, or by its
-    own time stamp where this goes on from there, as recorders write that cut one clock into files.
-    """
+    """The frames of several files in order. A file's first follows the last of the one before by
+    that one's frame interval, or by its own time stamp where this goes on, as of recorders with one
+    clock."""
 
     def __init__(
         self,
@@ -381,11 +375,9 @@ def open_frames(
 def open_scene_frames(
     path: FramesLike, scene: Scene, *, masked: bool = True, any_scale: bool = False
 ) -> FrameReader:
-    """Open captured frames as a scene says: its roi, channel, wavelength, bit depth and mask.
-
-    Of a folder, files that the scene names are no frames. `masked` is False for no-load frames;
-    with `any_scale` a file may name another pixel size than the scene.
-    """
+    """Open captured frames as a scene says; of a folder, files that it names are no frames.
+    `masked` is False for no-load frames; with `any_scale` a file may name another pixel size than
+    the scene."""
     options = reading_options(scene)
     reader = open_frames(path, **options, roi=scene.frames.roi, leave_out=named_files(scene))
     if not any_scale:
@@ -436,14 +428,12 @@ def check_scale(reader: FrameReader, camera: Camera | None) -> None:
 
 
 def with_file_scale(scene: Scene, reader: FrameReader) -> Scene:
-    """The scene with the pixel size of the frames' file, where it has none itself and no rim tells
-    it."""
+    """The scene with the pixel size of the frames' file, where neither it nor a rim tells one."""
     camera = scene.camera or Camera()
     if camera.pixel_mm is not None or reader.pixel_mm is None or scene.rim_diameter_mm:
         return scene
-    return scene.model_copy(
-        update={"camera": camera.model_copy(update={"pixel_mm": reader.pixel_mm})}
-    )
+    camera = camera.model_copy(update={"pixel_mm": reader.pixel_mm})
+    return scene.model_copy(update={"camera": camera})
 
 
 def channel_for(wavelength_nm: float | None) -> reading.Channel:
@@ -527,12 +517,9 @@ def _of_files(files: tuple[Path, ...], kind: reading.Kind) -> reading.Source:
 def recordings_of(
     names: Sequence[str | Path], *, join: bool = False
 ) -> tuple[reading.FramesPath, ...]:
-    """The recordings that files, folders and globs stand for, in order, for `open_frames`.
-
-    A folder, video or TIFF stack is one each, images one to a file are one together; no video is
-    decoded to tell. Globs, and names in the alphabet's order, as a shell makes of a glob, are in
-    natural order (part2 before part10). `join`: all are parts of one.
-    """
+    """The recordings that names stand for, in order, told without decoding: a folder, video or TIFF
+    stack is one, images one to a file are one together; `join`: all are one. Globs, and names in
+    the alphabet's order, as of a shell's glob, are in natural order (part2 before part10)."""
     places = _places(names)
     if len(names) == 1 and (join or len(places) == 1):
         return (names[0],)
@@ -566,8 +553,7 @@ def one_recording(names: Sequence[str | Path], *, join: bool = False) -> reading
 
 
 def _places(names: Sequence[str | Path]) -> list[Path]:
-    """Files and folders; in natural order where names are in the alphabet's, of letters or
-    codes."""
+    """Files and folders, in natural order where names are in the alphabet's (letters or codes)."""
     if not names:
         raise InputError("no_frames_named_name")
     texts = [str(name) for name in names]

@@ -21,8 +21,7 @@ from isochrome.errors import InputError, reason_of
 from isochrome.scene import ArrayFrames, FramesLike, Roi
 
 MAX_BYTES: int = 400_000_000
-"""A frame that claims more is damaged or hostile: refused before memory is taken for some
-copies."""
+"""A frame that claims more is damaged or hostile: refused before memory is taken for copies."""
 
 MAX_PIXELS: int = MAX_BYTES // 2
 """The same in pixels, of two bytes each at least in what is made of them."""
@@ -179,8 +178,7 @@ class Stamp:
 
 @contextmanager
 def refusing(path: str | Path, what: str = "cannot be read") -> Iterator[None]:
-    """Turn whatever a decoding library raises into one InputError that names the file and
-    `what`."""
+    """Turn whatever a decoding library raises into one InputError of the file and `what`."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -334,15 +332,13 @@ class FrameReader:
         return frame
 
     def _ahead(self, start: int) -> Generator[Frame]:
-        """Frames from `start` on, the next one read by a thread while this one is used.
-
-        Its end ends the reading, and with it closes the file that is read.
-        """
+        """Frames from `start` on, the next read by a thread meanwhile; its end closes the file."""
         frames, thread = self._read(start, None), ThreadPoolExecutor(1)
         try:
-            coming = thread.submit(_next, frames)
+            # None at the end: a StopIteration cannot pass through a Future
+            coming = thread.submit(next, frames, None)
             while (frame := coming.result()) is not None:
-                coming = thread.submit(_next, frames)
+                coming = thread.submit(next, frames, None)
                 yield frame
         finally:
             thread.shutdown(wait=True, cancel_futures=True)
@@ -417,8 +413,3 @@ class FrameReader:
         self._running: weakref.WeakSet[Generator[Frame]] = weakref.WeakSet()
         self._open = threading.local()
         self.__dict__.update(state)
-
-
-def _next(frames: Iterator[Frame]) -> Frame | None:
-    """One frame, None at the end: a StopIteration cannot pass through a Future."""
-    return next(frames, None)

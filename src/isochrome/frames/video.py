@@ -39,8 +39,7 @@ WEIGHTS_601 = (0.299, 0.114)
 
 
 def to_image(frame: Any, path: Path) -> tuple[np.ndarray, int | None]:
-    """A frame's pixels (row, col) or (row, col, 3) in RGB, and the bits of a value (None:
-    float)."""
+    """A frame's pixels (row, col) or (row, col, 3) in RGB, and bits of a value (None: float)."""
     form, name = frame.format, str(frame.format.name)
     if name.startswith(("yu", "uyvy", "yvyu", "nv", "p0", "p2", "p4")):
         return _rgb_of_yuv(frame)
@@ -63,10 +62,8 @@ def _bits(frame: Any) -> int:
 
 
 def plane_of(frame: Any, number: int) -> np.ndarray:
-    """One plane as it is stored, (row, col), in native byte order; packed pixels as bytes.
-
-    It is looked at where the decoder has it, and goes on from: to be copied before it is given out.
-    """
+    """One plane as it is stored, (row, col), in native byte order; packed pixels as bytes. It is
+    looked at where the decoder has it, and goes on from: to be copied before it is given out."""
     plane, form = frame.planes[number], frame.format
     bits = _bits(frame)
     dtype = np.dtype(np.uint8 if bits <= 8 else np.float32 if bits == 32 else np.uint16)
@@ -84,9 +81,7 @@ def plane_of(frame: Any, number: int) -> np.ndarray:
 
 def _rgb_of_yuv(frame: Any) -> tuple[np.ndarray, int | None]:
     """RGB = Y' + matrix (Cb, Cr), in the bits of the frame; without colour, without arithmetic.
-
-    Source: ITU-R BT.601-7, BT.709-6, BT.2020-2; Rec. ITU-T H.273 for the levels.
-    """
+    Source: ITU-R BT.601-7, BT.709-6, BT.2020-2; Rec. ITU-T H.273 for the levels."""
     from av.video.reformatter import ColorRange
 
     bits = _bits(frame)
@@ -148,9 +143,7 @@ def length_bytes(configuration: bytes | None) -> int | None:
 
 def begins_anew(packet: bytes, length: int) -> bool | None:
     """Whether decoding can begin with the one frame of a packet, which no later one looks beyond.
-
-    `length`, the bytes of a unit's length. None where it holds no frame, or several, or layers.
-    """
+    `length`, the bytes of a unit's length. None where it holds no frame, or several, or layers."""
     is_key: bool | None = None
     place = 0
     while place < len(packet):
@@ -250,11 +243,8 @@ BOXES = (b"ftyp", b"moov", b"mdat", b"free", b"skip", b"wide", b"uuid", b"moof",
 
 
 def check_whole(path: Path) -> Container:
-    """Walk through a video's structure, without decoding, and give its container.
-
-    A recording that was never closed (sizes of zero or 'unknown') passes when all it holds is
-    whole.
-    """
+    """Walk through a video's structure, without decoding, and give its container. A recording that
+    was never closed (sizes of zero or 'unknown') passes when all it holds is whole."""
     with reading.refusing(path), open(path, "rb") as file:
         container, end = container_of(file), file.seek(0, 2)
         if container in _WALKS:
@@ -392,18 +382,15 @@ Decoded = tuple[Any, int | None, float | None]
 
 
 def decoded(path: Path, kind: Container, key: tuple[int, int] | None = None) -> Generator[Decoded]:
-    """Every frame of a video in the order of display, from the first or a key frame (number, tick).
-
-    Frames before the key frame in time may come too. A damaged one is an InputError. AVI knows no
-    times, only how many frames come before a packet in the order of the file, which is not that of
-    display: the frames take the packets' numbers in rising order.
-    """
+    """Every frame of a video in the order of display, from the first or a key frame (number, tick),
+    before which some may come. AVI knows no times, only how many frames come before a packet in the
+    order of the file, not of display: the frames take the packets' numbers in rising order."""
     with open_container(path) as (container, stream):
         if key is not None:
             with reading.refusing(path, message("frame_cannot_found_again", key=key[0])):
                 container.seek(key[1], stream=stream, backward=True, any_frame=False)
         count = key[0] if key else 0
-        numbers, first, last = list[int](), None, None
+        numbers, first, last = list[int](), None, -np.inf
         context = stream.codec_context
         in_slices = context.name == "ffv1" and bool(context.extradata)
         packets = container.demux(stream)
@@ -418,7 +405,7 @@ def decoded(path: Path, kind: Container, key: tuple[int, int] | None = None) -> 
             for frame in frames:
                 tick = frame.pts if kind != "avi" else heappop(numbers) if numbers else None
                 time = None
-                if tick is not None and (last is None or tick > last):
+                if tick is not None and tick > last:
                     first = tick if first is None else first
                     last, time = tick, float((tick - first) * stream.time_base)
                 yield frame, tick, time
@@ -472,12 +459,9 @@ def checksum(frame: Any) -> int:
 
 @dataclass(frozen=True)
 class Places:
-    """What is known of each frame of a video, in their order.
-
-    `times_s` from the first (NaN: unknown), `stamps`, the file's own ticks, `sums`, checksums of
-    the decoded first plane, `keys`, where decoding can begin: (frame, tick), and `end_s`. Where the
-    packets alone have told it, `sums` is None, and the stamps are what frames are held against.
-    """
+    """What is known of each frame: `times_s` from the first (NaN: unknown), `stamps`, the file's
+    own ticks, `sums`, checksums of the first plane (None: packets alone have told it, and frames
+    are held against stamps), `keys`, where decoding can begin: (frame, tick), and `end_s`."""
 
     times_s: np.ndarray
     stamps: np.ndarray
@@ -583,8 +567,7 @@ class Video:
         return decoded(self.path, self.container, key)
 
     def _survey(self) -> Places:
-        times: list[float] = []
-        ticks, sums, keys = [], [], []
+        times, ticks, sums, keys = list[float](), [], [], []
         listed = by_packets(self.path, self.container)
         running: Iterator[Decoded] = self.decoded()
         if listed is not None:  # FFmpeg passes over damaged frames of H.264 in silence
@@ -608,11 +591,8 @@ class Video:
         )  # fmt: skip
 
     def _known(self, places: Places, start: int) -> Iterator[tuple[int, Decoded]]:
-        """The frames from number `start` on, each held against what is known of it.
-
-        From the last key frame before; where a later one is not as it was, as after a key frame
-        that is none, from the first.
-        """
+        """The frames from number `start` on, each held against what is known of it: from the last
+        key frame before, or from the first where one is not as it was (no key frame)."""
         first, begin = self._key(places, start)
         for key in dict.fromkeys((first, 0)):
             index, ended = key, False

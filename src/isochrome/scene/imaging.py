@@ -8,22 +8,9 @@ from math import acos, degrees, hypot
 from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar, cast
 
 import numpy as np
+import pydantic
 from numpy.typing import NDArray
-from pydantic import (
-    AfterValidator,
-    BaseModel,
-    BeforeValidator,
-    ConfigDict,
-    Discriminator,
-    Field,
-    NonNegativeFloat,
-    NonNegativeInt,
-    PositiveFloat,
-    Tag,
-    ValidationInfo,
-    field_validator,
-    model_validator,
-)
+from pydantic import BaseModel, BeforeValidator, Discriminator, Field, Tag, model_validator
 from pydantic_core import PydanticCustomError
 
 from isochrome.errors import InputError
@@ -34,8 +21,8 @@ Distance = TypeVar("Distance", float, NDArray[np.floating])
 """A distance (m), or an array of them of any shape; what is asked there has the same shape."""
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
-Positive = Annotated[PositiveFloat, Field(allow_inf_nan=False)]
-NonNegative = Annotated[NonNegativeFloat, Field(allow_inf_nan=False)]
+Positive = Annotated[pydantic.PositiveFloat, Field(allow_inf_nan=False)]
+NonNegative = Annotated[pydantic.NonNegativeFloat, Field(allow_inf_nan=False)]
 STRONGEST = 5.0
 """Friction coefficient of nothing that slides, to either side."""
 Coefficient = Annotated[float, Field(ge=-STRONGEST, le=STRONGEST, allow_inf_nan=False)]
@@ -44,20 +31,19 @@ Coefficient = Annotated[float, Field(ge=-STRONGEST, le=STRONGEST, allow_inf_nan=
 class ScenePart(BaseModel):
     """A table of the scene file: frozen, and closed to unknown keys."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=False)
+    model_config = pydantic.ConfigDict(frozen=True, extra="forbid", strict=False)
     samples: ClassVar[tuple[str, ...]] = ()
     """Keys of places, which rise, and of as many numbers there."""
 
-    @field_validator("*", mode="before")
+    @pydantic.field_validator("*", mode="before")
     @classmethod
-    def _truth_is_no_number(cls, value: Any, info: ValidationInfo) -> Any:
+    def _truth_is_no_number(cls, value: Any, info: pydantic.ValidationInfo) -> Any:
         if type(value) in (float, int, str) or isinstance(value, ScenePart):
             return value  # most are: a fit checks its scene again at every step
         annotation = cls.model_fields[str(info.field_name)].annotation
-        wants_truth = annotation is bool
         if not takes_arrays(annotation):
             value = _of_numpy(value)
-        if isinstance(value, bool) and not wants_truth:
+        if isinstance(value, bool) and annotation is not bool:
             raise PydanticCustomError("truth", message("input_should_not_true"))
         return value
 
@@ -153,7 +139,7 @@ def value_at(value: float | DistanceTable, distance_m: Distance) -> Distance:
 
 _MOST_PX = 100_000
 """Rows or columns of a picture."""
-Rows = Annotated[NonNegativeInt, Field(le=_MOST_PX)]
+Rows = Annotated[pydantic.NonNegativeInt, Field(le=_MOST_PX)]
 Place = Annotated[NonNegative, Field(le=_MOST_PX)]
 """A row or column, px, pixel centres at whole numbers."""
 Outline = Annotated[Finite, Field(ge=-1, le=_MOST_PX)]
@@ -306,7 +292,7 @@ class FreeBoundary(_Path):
 Pixels = Annotated[int, Field(ge=1, le=_MOST_PX)]
 Exponent = Annotated[float, Field(ge=0.1, le=10)]
 Bend = Annotated[float, Field(ge=-0.1, le=0.1)]
-FileName = Annotated[str, Field(min_length=1), AfterValidator(no_escape)]
+FileName = Annotated[str, Field(min_length=1), pydantic.AfterValidator(no_escape)]
 
 
 class Camera(ScenePart):

@@ -20,11 +20,8 @@ Poisson = Annotated[float, Field(gt=-1, le=0.5, allow_inf_nan=False)]
 
 @dataclass(frozen=True)
 class Body:
-    """What a specimen without a contact needs in its scene.
-
-    `needs`, keys; `height`, the key of its size along z; `has_rim`, a circle of that size;
-    `only_with`, the key without which frames are read from the image alone.
-    """
+    """What a specimen without a contact needs: keys; `height`, that of its size along z; `has_rim`,
+    of that diameter; `only_with`, the key without which frames are read from the image alone."""
 
     needs: tuple[str, ...]
     height: str

@@ -18,16 +18,8 @@ from typing import TYPE_CHECKING, Any, cast
 
 from isochrome.errors import InputError
 from isochrome.messages import message
-from isochrome.scene.validation import (
-    DATE,
-    DATED,
-    NO_KEYS,
-    SPREAD,
-    VALUE,
-    check_reach,
-    nearest,
-    validate,
-)
+from isochrome.scene import validation
+from isochrome.scene.validation import DATE, DATED, NO_KEYS, SPREAD, VALUE, nearest, validate
 from isochrome.scene.whole import Scene
 
 if TYPE_CHECKING:
@@ -105,7 +97,7 @@ def load_scene(scene: SceneLike) -> Scene:
             hint = f"did you mean '{near}'?" if near else "scenes by name: " + ", ".join(names)
             raise InputError("no_such_scene_file", scene=scene, hint=hint)
         loaded = parse_scene(read_text(path), name=path.stem, folder=path.parent, label=label)
-    check_reach(loaded.model_dump(exclude_unset=True), label)
+    validation.check_reach(loaded.model_dump(exclude_unset=True), label)
     return loaded
 
 
@@ -251,9 +243,7 @@ def with_value(
     text: str, key: str, written: str, *, comment: str = "", mark: str = "", name: str = "scene"
 ) -> str:
     """TOML text with a key set to a value `written`; InputError where no edit does only that.
-
-    `comment`, without #, goes on its line; where it begins with `mark`, an earlier one is replaced.
-    """
+    `comment`, without #, goes on its line, in place of an earlier one that begins with `mark`."""
     wanted = parse_toml(text, name)
     table, _, entry = key.partition(".")
     entries = wanted.setdefault(table, {})
@@ -267,10 +257,7 @@ def with_value(
 
 
 def without_value(text: str, key: str, *, name: str = "scene") -> str:
-    """TOML text without a key, or a whole table, and the comment on its line.
-
-    InputError where no edit does only that.
-    """
+    """TOML text without a key or table and its line's comment; InputError: no edit does that."""
     wanted = parse_toml(text, name)
     table, _, entry = key.partition(".")
     holder = wanted.get(table, {}) if entry else wanted
@@ -288,9 +275,7 @@ def with_table_list(
     text: str, key: str, entries: Sequence[Mapping[str, Any]], *, name: str = "scene"
 ) -> str:
     """TOML text with a list of tables, such as [[frames.known_order]]; no entries take it out.
-
-    Tables that stay keep place and comments; InputError where no edit does only that.
-    """
+    Tables that stay keep place and comments; InputError where no edit does only that."""
     if not entries:
         return without_value(text, key, name=name)
     wanted = parse_toml(text, name)
@@ -336,10 +321,7 @@ def toml_text(value: Any) -> str:
 def _edited(
     text: str, edit: Callable[[TOMLDocument], str | None], by_hand: str, *wanted: Mapping[str, Any]
 ) -> str:
-    """Text whose document was edited, with what `edit` returns behind it.
-
-    InputError `by_hand` where it then says none of `wanted`, or tomlkit moves something.
-    """
+    """An edited document's text, and what `edit` returns; InputError: it says none of `wanted`."""
     import tomlkit
     from tomlkit.exceptions import TOMLKitError
 

@@ -3,18 +3,17 @@
 Of a measured number, { value = 14.6, standard_uncertainty = 0.066 }, a scene keeps the plain value,
 so that all who use it see a float, and beside it the standard uncertainties by their dotted keys.
 
-Friction and load over the sliding distance may stand in the file of a tester.
-A tester stores 10^5 rows, most of their digits noise, and a wear run ends a step at every point of
-a table. So a long file is followed by few straight lines: of all continuous lines with bends at
-some of the rows it is that of least ∫ (v - line)² ds, which keeps ∫ v ds, and stretches are halved
-until the mean of what is left, in each quarter of each of them, is below `FOLLOWED` of the largest
-value and four standard errors of the file's own noise. What is faster than that is averaged: noise,
-and whatever comes back within a few hundredths of the way, such as a roller out of round.
+A tester's file of friction or load over the distance has 10^5 rows, most of their digits noise, and
+a wear run ends a step at every point of a table. So a long file is followed by few straight lines:
+of all continuous lines with bends at some of the rows it is that of least ∫ (v - line)² ds, which
+keeps ∫ v ds, and stretches are halved until the mean of what is left, in each quarter of each of
+them, is below `FOLLOWED` of the largest value and four standard errors of the file's own noise.
+What is faster than that is averaged: noise, and whatever comes back within a few hundredths of the
+way, such as a roller out of round.
 
 The standard error of a mean over n rows is σ_b √(b/n), with σ_b that of means over b of them, a
 quarter of one of FEW stretches: so noise that lasts over many rows is not followed either. It is
-from second differences, which a smooth course hardly has: median |v[i-1] - 2 v[i] + v[i+1]| /
-(0.6745 √6).
+from second differences, which a smooth course hardly has, median |Δ²v| / (0.6745 √6).
 """
 
 import datetime
@@ -144,9 +143,8 @@ def _refuse_gap(given: GivenTable, key: str, distance: Floats, value: Floats) ->
     if len(step) < 3:
         return
     beside = np.maximum(np.r_[0.0, step[:-1]], np.r_[step[1:], 0.0])
-    much = max(
-        _GAP_CHANGE * float(np.abs(value).max()), _STANDARD_ERRORS * float(np.median(change))
-    )
+    noise = _STANDARD_ERRORS * float(np.median(change))
+    much = max(_GAP_CHANGE * float(np.abs(value).max()), noise)
     gap = np.flatnonzero((step > _GAP * beside) & (change > much))
     if len(gap):
         row = int(gap[0])
@@ -158,12 +156,9 @@ def _refuse_gap(given: GivenTable, key: str, distance: Floats, value: Floats) ->
 
 
 def few_lines(distance_m: Floats, value: Floats, label: str) -> tuple[Floats, Floats]:
-    """Bends (m), the ends among them, and values of few straight lines that follow a curve.
-
-    The least ∫ (v - Σ c_k hat_k(s))² ds over the c_k; stretches between bends are halved until none
-    asks for it (see the module), or FEW bends are used. One of up to FEW points is left as it is.
-    InputError where what would be averaged away is more than a tenth of the values.
-    """
+    """Bends (m), the ends among them, and values of few straight lines that follow a curve (see the
+    module): the least ∫ (v - Σ c_k hat_k(s))² ds over the c_k, with FEW bends at most; up to FEW
+    points stay as they are. InputError: more than a tenth of the values would be averaged away."""
     count = len(value)
     if count <= FEW:
         return distance_m, value
@@ -184,9 +179,8 @@ def few_lines(distance_m: Floats, value: Floats, label: str) -> tuple[Floats, Fl
         rows = np.maximum(np.diff(parts, axis=1), 1)
         over = np.abs(np.diff(np.r_[0.0, np.cumsum(residual)][parts], axis=1)) / rows
         over /= allowed + _STANDARD_ERRORS * noise / np.sqrt(rows)
-        worst = np.where(
-            np.diff(bends) > 1, over.max(axis=1), 0.0
-        )  # nothing lies between neighbours
+        # nothing lies between neighbours
+        worst = np.where(np.diff(bends) > 1, over.max(axis=1), 0.0)
         order = np.argsort(-worst)[: FEW - len(bends)]
         chosen = order[worst[order] > 1.0]
         if not len(chosen):
@@ -216,12 +210,9 @@ _FORM = "{ value = 14.6, standard_uncertainty = 0.066 }"
 
 
 def with_pairs(model: type[BaseModel], data: Any) -> Any:
-    """A scene's tables with plain values, and all uncertainties as sorted pairs under PAIRS.
-
-    An uncertainty stated before stays where the value is still a number. The day of the fringe
-    value's calibration comes under DATE_FIELD; one stated before goes with a value and uncertainty
-    that are stated anew. ValueError, see `split_uncertainties`.
-    """
+    """A scene's tables with plain values, and all uncertainties as sorted pairs under PAIRS. One
+    stated before stays where the value is still a number; the day of the fringe value's
+    calibration, under DATE_FIELD, goes with a value and uncertainty that are stated anew."""
     if not isinstance(data, dict):
         return data
     data, date = _without_date(data)
@@ -246,10 +237,7 @@ def with_pairs(model: type[BaseModel], data: Any) -> Any:
 def split_uncertainties(
     model: type[BaseModel], data: dict[str, Any]
 ) -> tuple[dict[str, Any], dict[str, float]]:
-    """Tables with plain values, and the uncertainties by dotted key, in the keys' units.
-
-    ValueError for a form that is not allowed, and for a key that is no measured number.
-    """
+    """Plain tables, and the uncertainties by dotted key, in the keys' units. ValueError."""
     plain, pairs = dict(data), {}
     for part, table in data.items():
         if part == PAIRS or not isinstance(table, dict):
@@ -347,10 +335,7 @@ def validate(
     reserved: tuple[str, ...] = (),
     folder: Path | None = None,
 ) -> M:
-    """Check a dictionary against a pydantic model; InputError names the first mistake.
-
-    `reserved` are fields that are no keys; names of files are relative to `folder`.
-    """
+    """Check a dictionary; InputError: its first mistake. `reserved` are fields, no keys."""
     for key in reserved:
         if key in data:
             raise InputError("unknown_key_remove", label=label, key=key)
@@ -361,9 +346,7 @@ def validate(
 
 
 def check_reach(data: Any, label: str, key: str = "") -> None:
-    """Refuse numbers of a settings file whose powers would be beyond all numbers; `key` is where
-    `data` is.
-    """
+    """Refuse numbers of a settings file whose powers are beyond all numbers; `key`, their place."""
     if isinstance(data, dict):
         for name, value in data.items():
             check_reach(value, label, f"{key}.{name}" if key else str(name))
@@ -433,11 +416,9 @@ def _keys_beside(model: type[BaseModel], loc: tuple[int | str, ...]) -> list[str
 def _model_inside(annotation: Any) -> type[BaseModel] | None:
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return annotation
-    inside = (_model_inside(a) for a in typing.get_args(annotation))
-    return next((a for a in inside if a is not None), None)
+    return next(filter(None, map(_model_inside, typing.get_args(annotation))), None)
 
 
 def nearest(word: str, known: list[str]) -> str | None:
     """The known word most like a misspelt one, or None where none is near."""
-    matches = difflib.get_close_matches(word, known, n=1, cutoff=0.6)
-    return matches[0] if matches else None
+    return next(iter(difflib.get_close_matches(word, known, n=1, cutoff=0.6)), None)

@@ -1,7 +1,4 @@
-"""The scene: its parts together, and what they must have in common.
-
-Whether the camera's pixel, sizes and moduli are in their keys' units: a slip is a factor of 1000.
-"""
+"""The scene: its parts together, what they must have in common, and slips of 1000 in a unit."""
 
 from __future__ import annotations
 
@@ -282,11 +279,8 @@ class Scene(ScenePart):
         Parameters: `of_frames`, whether those of [frames] and [[scar]] are among them, which a
         simulation does not read.
         """
-        named: list[str | ArrayFrames | None] = [
-            *self.table_files,
-            self.camera.response if self.camera else None,
-            self.profile_file,
-        ]
+        response = self.camera.response if self.camera else None
+        named: list[str | ArrayFrames | None] = [*self.table_files, response, self.profile_file]
         if of_frames:
             frames = self.frames
             named += [frames.no_load_dark, frames.no_load_bright, frames.no_load_steps]
@@ -336,8 +330,7 @@ FINEST_MM = 1e-4
 """A fifth of the wavelength of light: no camera resolves less, and what is less may be a slip."""
 
 UNDOUBTED_MM = 1e3 * FINEST_MM
-"""A pixel up to this is in mm, however small the contact: a slip from µm would be finer than light
-resolves."""
+"""A pixel up to this is in mm for any contact: a slip from µm were finer than light resolves."""
 
 WIDEST = 200
 """Contacts across a picture, at most, where its pixel may be a slip: frames are of a few."""
@@ -356,11 +349,9 @@ MOST = 10_000
 
 
 def check_pixel(scene: Scene, shape: tuple[int, int] | None) -> None:
-    """Refuse a camera.pixel_mm in which the scene's specimen cannot be seen, before any work.
-
-    A picture is no wider than 200 contacts, no size beyond a metre (a radius, ten), and see
-    `check_width`. A measured profile's contact is held to this when it is solved.
-    """
+    """Refuse a camera.pixel_mm in which the specimen cannot be seen: a picture over 200 contacts
+    wide, a size over a metre (a radius, ten); see `check_width`. A profile's contact: when it is
+    solved."""
     for key, most in LARGEST_MM.items():
         part, _, name = key.partition(".")
         size = getattr(getattr(scene, part), name, None)
@@ -401,9 +392,7 @@ def check_width(
     name: str, pixel: float, shape: tuple[int, ...] | None, width: float, what: str
 ) -> None:
     """Refuse a camera.pixel_mm wider than `what` is, mm, or a picture under a hundredth of it.
-
-    `shape` None: a picture may show as small a part as one likes.
-    """
+    `shape` None: a picture may show as small a part as one likes."""
     if pixel > max(width, UNDOUBTED_MM):
         raise InputError(
             "camera_pixel_mm_wider_mm", name=name, pixel=pixel, what=what, width=width, by=_by(what)

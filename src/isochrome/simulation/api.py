@@ -47,11 +47,6 @@ _MAPS = {
 }
 """Units of maps that are no stresses in MPa, and what they are."""
 
-_NO_CAUSES = "A simulation asks no frames for anything: it is what the scene below makes."
-_NO_BUDGET = (
-    "A simulation has none: isochrome sweep shows what another number of the scene changes."
-)
-
 
 def simulation_report(
     folder: Path, scene: Scene, record: Mapping[str, Any]
@@ -61,44 +56,32 @@ def simulation_report(
     count = len(history["state"])
     frames = _frames(folder, scene, history)
     distance, across = output.numbers(history["distance_m"]), "sliding distance (m)"
-    if not np.isfinite(distance).all() or np.ptp(distance) == 0.0:  # nothing slides
+    slid = distance[np.isfinite(distance)]
+    if len(slid) < len(distance) or np.ptp(distance) == 0.0:  # nothing slides
         distance, across = np.arange(len(distance), dtype=float), "state"
     few = ", chosen for the reason that stands beside each" if len(frames) < count else ""
-    curves = [
-        figures.course_plot(f"{name} ({unit})", across, distance, values)
-        for name, unit, values in _known(history)
-    ]
+    curves, quantities = [], []
+    for key, name, unit in _QUANTITIES:
+        values = output.numbers(history[key])
+        known = values[np.isfinite(values)]
+        if not known.size:  # the simulation has none
+            continue
+        curves.append(figures.course_plot(f"{name} ({unit})", across, distance, values))
+        span = f"{known[0]:.4g}" if known[0] == known[-1] else f"{known[0]:.4g} to {known[-1]:.4g}"
+        quantities.append(f"{name} {span} {unit}")
+    where = f"From {slid[0]:g} to {slid[-1]:g} m of sliding: " if np.ptp(slid) > 0.0 else ""
+    text = f"{where}{', '.join(quantities)}."
     return reporting.ReportContent(
         command="simulate", title=f"Simulation of {scene.name}: {output.counted(count, 'state')}",
-        verdict=_verdict(history), frames=frames, curves=curves, no_budget=_NO_BUDGET,
+        verdict=f"{text[:1].upper()}{text[1:]}", frames=frames, curves=curves,
+        no_budget="A simulation has none: isochrome sweep shows what another number of the scene "
+        "changes.",
         choice=f"{len(frames)} of {output.counted(count, 'rendered state')} are shown{few}.",
         tables=[reporting.ReportTable(f"The states ({rendering.HISTORY})", history)],
-        causes_text=_NO_CAUSES,
+        causes_text="A simulation asks no frames for anything: it is what the scene below makes.",
         scene=dump_scene(scene), paper=reporting.paper_rows(scene, record),
         picture=(folder / rendering.PICTURE).read_bytes(),
     )  # fmt: skip
-
-
-def _known(history: Mapping[str, list[Any]]) -> Iterator[tuple[str, str, Array]]:
-    """Names, units and values of the quantities that the simulation has."""
-    for key, name, unit in _QUANTITIES:
-        values = output.numbers(history[key])
-        if np.isfinite(values).any():
-            yield name, unit, values
-
-
-def _verdict(history: Mapping[str, list[Any]]) -> str:
-    """The quantities at the first and the last state, in a sentence."""
-    distance = output.numbers(history["distance_m"])
-    quantities = []
-    for name, unit, values in _known(history):
-        known = values[np.isfinite(values)]
-        span = f"{known[0]:.4g}" if known[0] == known[-1] else f"{known[0]:.4g} to {known[-1]:.4g}"
-        quantities.append(f"{name} {span} {unit}")
-    slid = distance[np.isfinite(distance)]
-    where = f"From {slid[0]:g} to {slid[-1]:g} m of sliding: " if np.ptp(slid) > 0.0 else ""
-    text = f"{where}{', '.join(quantities)}."
-    return f"{text[:1].upper()}{text[1:]}"
 
 
 def _frames(
@@ -154,49 +137,40 @@ def finish_simulation_folder(
     with output.replacing(folder / rendering.PRESSURE) as beside, open(beside, "wb") as file:
         file.write(output.csv_text(dict.fromkeys(rendering.PROFILE, ())).encode())
         file.writelines(runs.parts(run, rendering.PRESSURE))
+    pixels, camera = work.pixels, scene.camera
+    assert camera is not None
     for name in work.stacks:
-        _join(run, work, name, history)
+        (steps, *shape), dtype = _form(work, name)
+        if name == rendering.FRAMES:
+            span = (0.0, 1.0 if camera.bit_depth is None else 2.0**camera.bit_depth - 1.0)
+        elif name == rendering.ORDER:
+            span = (0.0, float(max(history["n_max"])))
+        else:
+            chunks = (np.frombuffer(part, dtype) for part in runs.parts(run, name))
+            ends = [np.nanpercentile(chunk, (0.1, 99.9)) for chunk in chunks]
+            span = (float(np.min(ends)), float(np.max(ends)))
+        labels = [
+            f"{label}, step {step}" if steps > 1 else str(label)
+            for label in history["label"]
+            for step in range(steps)
+        ]
+        chunks = (np.frombuffer(part, dtype).reshape(-1, *shape) for part in runs.parts(run, name))
+        output.write_frames(
+            folder / name, chain.from_iterable(chunks), (work.count * steps, *shape), dtype,
+            pixel_mm=pixels.pixel_mm, photometric="rgb" if len(shape) == 3 else "minisblack",
+            metadata=output.imagej_view(name, span, labels=labels, **pixels.scale),
+        )  # fmt: skip
     output.write_text(folder / "scene.toml", dump_scene(scene))
     output.write_figure(folder / rendering.PICTURE, _drawn(work))
     if work.components:
         shown = work.rendered_states(work.shown)
-        marks = "× largest shear" + (", ▼ edges of contact" if scene.is_contact else "")
+        marks = "× largest shear" + ", ▼ edges of contact" * scene.is_contact
         head = f"{figures.plain_name(scene.name)}, simulated: principal stresses\n{marks}"
         labels = [figures.plain_name(item.state.label) for item in shown]
         panels = figures.PaperPanels(kinds=stress_kinds(work.pixels, shown), labels=labels)
         output.write_figure(folder / "stress.png", figures.panels_figure(panels, head))
     reporting.write_report(folder / runs.REPORT, simulation_report(folder, scene, record))
     return history
-
-
-def _join(
-    run: runs.RunFolder, work: rendering.RenderWork, name: str, history: dict[str, list[Any]]
-) -> None:
-    """A stack from the chunks' parts of it, with what ImageJ is to know of it."""
-    (steps, *shape), dtype = _form(work, name)
-    pixels, camera = work.pixels, work.scene.camera
-    assert camera is not None
-    if name == rendering.FRAMES:
-        span = (0.0, 1.0 if camera.bit_depth is None else 2.0**camera.bit_depth - 1.0)
-    elif name == rendering.ORDER:
-        span = (0.0, float(max(history["n_max"])))
-    else:
-        ends = [
-            np.nanpercentile(np.frombuffer(p, dtype), (0.1, 99.9)) for p in runs.parts(run, name)
-        ]
-        span = (float(np.min(ends)), float(np.max(ends)))
-    labels = [
-        f"{label}, step {step}" if steps > 1 else str(label)
-        for label in history["label"]
-        for step in range(steps)
-    ]
-    chunks = (np.frombuffer(part, dtype).reshape(-1, *shape) for part in runs.parts(run, name))
-    frames = chain.from_iterable(chunks)
-    output.write_frames(
-        run.results / name, frames, (work.count * steps, *shape), dtype, pixel_mm=pixels.pixel_mm,
-        photometric="rgb" if len(shape) == 3 else "minisblack",
-        metadata=output.imagej_view(name, span, labels=labels, **pixels.scale),
-    )  # fmt: skip
 
 
 def _form(work: rendering.RenderWork, name: str) -> tuple[tuple[int, ...], np.dtype[Any]]:
@@ -222,38 +196,34 @@ def stress_kinds(
         maps = [item.maps[name] for item in items if item.maps]
         if len(maps) == len(items):
             limit = figures.centred_limit(*maps, percentile=99.8)
-
-            def draw(axes: Axes, k: int, maps: Any = maps, limit: float = limit) -> AxesImage:
-                return _draw_stress(axes, items[k], maps[k], pixels, limit)
-
+            draw = partial(_draw_stress, items=items, name=name, pixels=pixels, limit=limit)
             kinds.append(figures.PictureKind(name=plain, draw=draw, bar=f"{plain} (MPa)"))
     return kinds
 
 
 def _draw_stress(
-    axes: Axes, item: rendering.Rendered, image: np.ndarray, pixels: PixelGrid, limit: float
+    axes: Axes,
+    k: int,
+    *,
+    items: Sequence[rendering.Rendered],
+    name: str,
+    pixels: PixelGrid,
+    limit: float,
 ) -> AxesImage:
     """A map, red in tension, a cross at the largest shear, carets at the contact's edges."""
     look: dict[str, Any] = {"cmap": figures.DIFFERENCE_MAP, "vmin": -limit, "vmax": limit}
-    shown = figures.show_image(axes, image, **look, **pixels.scale)
+    item = items[k]
+    shown = figures.show_image(axes, item.maps[name], **look, **pixels.scale)
     peak, surface, (_, right, *_) = item.peak, item.state.surface, pixels.window
     assert peak is not None
     if surface is not None and pixels.top_mm <= 0.0:
         from matplotlib.markers import CARETDOWN  # its tip, not its middle, is at the place
 
         edges = [x for x in surface.edges_mm if pixels.left_mm <= x <= right]
-        axes.plot(
-            edges, [0.0] * len(edges), marker=CARETDOWN, color=figures.INK, ls="", clip_on=False
-        )
-    axes.plot(
-        peak.x_mm,
-        peak.z_mm,
-        "x",
-        color=figures.LINE_COLOURS[2],
-        ms=8,
-        mew=figures.BOLD_PT,
-        clip_on=False,
-    )
+        look = {"marker": CARETDOWN, "color": figures.INK, "ls": "", "clip_on": False}
+        axes.plot(edges, [0.0] * len(edges), **look)
+    look = {"color": figures.LINE_COLOURS[2], "ms": 8, "mew": figures.BOLD_PT, "clip_on": False}
+    axes.plot(peak.x_mm, peak.z_mm, "x", **look)
     axes.set_xlim(pixels.left_mm, right)
     return shown
 
@@ -365,9 +335,8 @@ def _along_surface(
         raise InputError("states_without_surface_under")
     drawn = figures.given_axes(axes)
     for state, surface, colour in zip(given, surfaces, cycle(figures.LINE_COLOURS), strict=False):
-        drawn.plot(
-            surface.grid.x_mm, value(surface), color=colour, lw=figures.BOLD_PT, label=state.label
-        )
+        look: Any = {"color": colour, "lw": figures.BOLD_PT, "label": state.label}
+        drawn.plot(surface.grid.x_mm, value(surface), **look)
     widest = max(abs(edge) for surface in surfaces for edge in surface.edges_mm)
     figures.style_axes(drawn, x_label="x (mm)", z_label=label)
     drawn.set_xlim(-1.25 * widest, 1.25 * widest)
@@ -438,9 +407,8 @@ class Simulation(output.Result):
                 stack, names = stack[:, 0], ("state", *names[2:])
             units, what = _MAPS.get(name, ("MPa", name))
             columns[name] = runs.Column(names, stack, {"units": units, "long_name": what})
-        return runs.make_dataset(
-            columns, places, runs.attributes({"scene": dump_scene(self.scene)})
-        )
+        about = runs.attributes({"scene": dump_scene(self.scene)})
+        return runs.make_dataset(columns, places, about)
 
     @property
     def columns(self) -> Mapping[str, Sequence[Any]]:
@@ -590,10 +558,8 @@ def simulate(
         states.append(item.state)
         if progress is not None:
             progress(Tally(index + 1, count, 0, 0))
-    frames, orders = (
-        np.concatenate(stacks.pop(rendering.FRAMES)),
-        np.stack(stacks.pop(rendering.ORDER)),
-    )
+    frames = np.concatenate(stacks.pop(rendering.FRAMES))
+    orders = np.stack(stacks.pop(rendering.ORDER))
     maps = {name.removesuffix(".tif"): np.stack(images) for name, images in stacks.items()}
     return Simulation(
         scene=scene, pixels=pixels, history=history, states=states, frames=frames, orders=orders,

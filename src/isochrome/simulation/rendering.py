@@ -1,8 +1,7 @@
 """From scene to what the camera stores: states, stress, fringe order, signal, frames.
 
-Each step is a function of its own. States are rendered one at a time, chunk by chunk, by whoever
-asks. The wear run comes first and is sequential: each process solves it once, as far as it needs
-it, a tenth of what rendering costs.
+States are rendered one at a time, chunk by chunk, by whoever asks. The wear run is sequential: each
+process solves it once, as far as it needs it, a tenth of what rendering costs.
 """
 
 from __future__ import annotations
@@ -135,9 +134,8 @@ def with_added_tractions(scene: Scene, surface: SurfaceState) -> SurfaceState:
             first=added.x_mm[0], last=added.x_mm[-1], left_mm=float(x[0]), right=float(x[-1]),
         )  # fmt: skip
     before, behind = np.ceil(np.maximum(0.0, beyond) / grid.spacing_mm).astype(int).tolist()
-    wider = replace(
-        grid, left_mm=grid.left_mm - before * grid.spacing_mm, nodes=grid.nodes + before + behind
-    )
+    left_mm = grid.left_mm - before * grid.spacing_mm
+    wider = replace(grid, left_mm=left_mm, nodes=grid.nodes + before + behind)
     pressure, shear, depth = (
         np.pad(values, (before, behind))
         for values in (surface.pressure_mpa, surface.shear_mpa, surface.wear_depth_mm)
@@ -181,13 +179,9 @@ def state_difference(scene: Scene, state: SceneState, pixels: PixelGrid) -> Stre
 
 def make_picture(scene: Scene, difference: StressDifference, pixels: PixelGrid) -> Picture:
     """Fringe order, mask and visibility of a stress field (sigma_x - sigma_z) + 2i tau_xz, MPa."""
-    specimen = scene.specimen
-    assert specimen.thickness_mm is not None and specimen.fringe_value_n_per_mm is not None
-    order = optics.fringe_order(
-        difference,
-        thickness_mm=specimen.thickness_mm,
-        fringe_value_n_per_mm=specimen.fringe_value_n_per_mm,
-    )
+    thickness, value = scene.specimen.thickness_mm, scene.specimen.fringe_value_n_per_mm
+    assert thickness is not None and value is not None
+    order = optics.fringe_order(difference, thickness_mm=thickness, fringe_value_n_per_mm=value)
     material = np.isfinite(order)
     if scene.model:  # of any other specimen the field itself says where it is
         material &= specimen_model(scene).inside(pixels)
@@ -198,9 +192,7 @@ def make_picture(scene: Scene, difference: StressDifference, pixels: PixelGrid) 
 
 def picture_signal(scene: Scene, picture: Picture, step: int | None = None) -> Array:
     """A picture's signal, 1 for full light: (rows, cols), of a colour camera (rows, cols, 3).
-
-    `step`: phase step, None: the field. InputError: a response or a light that cannot be used.
-    """
+    `step`: phase step, None: the field. InputError: a response or a light that cannot be used."""
     camera, polariscope = scene.camera, scene.polariscope
     order, covered = picture.mean_order, picture.material.all()
     if not covered:
@@ -255,13 +247,10 @@ LAYERS = ("sigma_1", "sigma_2", "sigma_1_direction", "sigma_x", "sigma_z", "tau_
 def state_components(
     scene: Scene, state: SceneState, picture: Picture, pixels: PixelGrid
 ) -> tuple[dict[str, NDArray[np.float32]], ShearPeak]:
-    """Each of LAYERS by its name (rows, cols), NaN: no material, and the largest shear in view.
-
-    sigma_1,2 = (sigma_x + sigma_z)/2 ± |(sigma_x - sigma_z) + 2i tau_xz|/2; direction of sigma_1
-    counter-clockwise from the image's +x, -90 to 90. The shear is the largest in all the material
-    in view, its surface included; under point loads, which make it infinite, that at the pixels'
-    centres. Source: Timoshenko & Goodier (1970), section 9.
-    """
+    """Each of LAYERS by name (rows, cols), NaN: no material, and the largest shear in view.
+    sigma_1,2 = (sigma_x + sigma_z)/2 ± |(sigma_x - sigma_z) + 2i tau_xz|/2; the direction from the
+    image's +x, -90 to 90. The shear is the surface's too; under point loads, which make it
+    infinite, that at the pixels' centres. Source: Timoshenko & Goodier (1970), section 9."""
     model = specimen_model(scene)
     stress = model.components(scene, state.surface, pixels)
     first, second = stress.principal
@@ -305,10 +294,7 @@ PROFILE = ("state", "x_mm", "pressure_mpa", "shear_mpa", "wear_depth_um")
 
 
 def history_row(index: int, item: Rendered, pixels: PixelGrid) -> dict[str, Any]:
-    """One row of history.csv: contact, wear, and the largest fringe order and shear in view.
-
-    Where no maps were asked for the largest shear is that of the pixel with the largest order.
-    """
+    """One row of history.csv; without maps the largest shear is that where the order is largest."""
     order = np.where(item.picture.material, item.picture.order, -1.0)
     row, col = np.unravel_index(int(order.argmax()), order.shape)
     place = pixels.place(int(row), int(col))
@@ -372,9 +358,7 @@ def render(
     first: int = 0,
 ) -> Iterator[Rendered]:
     """Render state after state; noise of state i, from `first`, is seeded with (camera.seed, i).
-
-    PhysicsError where a contact is wider than the picture, or fringes are too fine.
-    """
+    PhysicsError where a contact is wider than the picture, or fringes are too fine."""
     assert scene.camera is not None
     for index, state in enumerate(states, first):
         width = pixels.cols * pixels.pixel_mm
@@ -406,11 +390,9 @@ def _block_order(scene: Scene, state: SceneState, pixels: PixelGrid) -> float | 
         return None
     few = pixels.every(max(1, min(pixels.rows, pixels.cols) // 32))  # smooth: no pixel differs
     x, z = few.places
-    order = optics.fringe_order(
-        added.difference(x, np.maximum(z, 0.0)),
-        thickness_mm=scene.specimen.thickness_mm or 0.0,
-        fringe_value_n_per_mm=scene.specimen.fringe_value_n_per_mm or 0.0,
-    )
+    difference, specimen = added.difference(x, np.maximum(z, 0.0)), scene.specimen
+    thickness, value = specimen.thickness_mm or 0.0, specimen.fringe_value_n_per_mm or 0.0
+    order = optics.fringe_order(difference, thickness_mm=thickness, fringe_value_n_per_mm=value)
     return float(order.max())
 
 
@@ -435,8 +417,7 @@ class RenderWork:
         self._solved = threading.local()
 
     def __getstate__(self) -> dict[str, Any]:
-        unshared = ("_kept", "_solved")
-        return {k: v for k, v in self.__dict__.items() if k not in unshared}
+        return {k: v for k, v in self.__dict__.items() if k not in ("_kept", "_solved")}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state, _kept={}, _solved=threading.local())
@@ -444,8 +425,7 @@ class RenderWork:
     @property
     def stacks(self) -> tuple[str, ...]:
         """The stacks that the states make, by the names of their files."""
-        layers = LAYERS if self.components else ()
-        return FRAMES, ORDER, *(f"{name}.tif" for name in layers)
+        return FRAMES, ORDER, *(f"{name}.tif" for name in LAYERS if self.components)
 
     def __call__(self, start: int, stop: int) -> Results:
         """States [start, stop). Raises PhysicsError where one cannot be solved or rendered."""
@@ -579,9 +559,8 @@ def stress_map(scene: Scene, state: SceneState) -> RunArray:
     """
     required_model(scene)
     pixels = pixel_grid(scene)
-    values = state_difference(scene, state, pixels)
-    attributes = {"units": "MPa", "long_name": "(sigma_x - sigma_z) + 2i tau_xz"}
-    return picture_array(values, pixels, "stress_difference", attributes)
+    about = {"units": "MPa", "long_name": "(sigma_x - sigma_z) + 2i tau_xz"}
+    return picture_array(state_difference(scene, state, pixels), pixels, "stress_difference", about)
 
 
 def polariscope_light(scene: Scene, stress: ArrayLike, *, step: int | None = None) -> RunArray:

@@ -6,10 +6,9 @@ tractions by their resultants and first moments alone,
     P = ∫ p dx,  Q = ∫ q dx,  ∫ x p dx,  ∫ x q dx,
 
 each times a regular stress found once for a block by finite elements and kept as a power series
-(see `stress.half_plane`): a state then costs four multiples of it. What is left out is of
-the order (half-width/clearance)² of the correction. The contact itself is solved as a half-plane's:
-the correction bends the surface by its bending stress over Young's modulus, in the paper's block
-by 1e-4 of the cylinder's curvature.
+(see `stress.half_plane`). What is left out is of the order (half-width/clearance)² of it. The
+contact is solved as a half-plane's: the correction bends the surface by its bending stress over
+Young's modulus, in the paper's block by 1e-4 of the cylinder's curvature.
 """
 
 from functools import lru_cache

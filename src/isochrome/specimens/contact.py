@@ -4,23 +4,11 @@ from functools import lru_cache
 
 import numpy as np
 
+from isochrome import stress
 from isochrome.contact import ContactGrid, SurfaceState
 from isochrome.scene import Scene
 from isochrome.specimens.interface import Acting, Floats, Mask, SpecimenModel
-from isochrome.stress import (
-    FieldGrid,
-    PixelGrid,
-    RegularStress,
-    ShearPeak,
-    StressComponents,
-    StressDifference,
-    field_dtype,
-    largest_shear,
-    make_field_grid,
-    seen_by,
-    stress_difference,
-    stress_trace,
-)
+from isochrome.stress import PixelGrid, RegularStress, ShearPeak, StressComponents, StressDifference
 
 _SPLINE_PX = 2.0
 """Depth that a field seen through a lens loses: its spline knows nothing above the surface."""
@@ -34,7 +22,8 @@ class HalfPlane(SpecimenModel):
         assert surface is not None
         plain = pixels.around()
         grid = surface_field_grid(plain, surface.grid, scene.numerics.tolerance)
-        trace = seen_by(stress_trace(grid, surface.pressure_mpa, surface.shear_mpa), plain, pixels)
+        trace = stress.stress_trace(grid, surface.pressure_mpa, surface.shear_mpa)
+        trace = stress.seen_by(trace, plain, pixels)
         added = self.added_stress(scene, surface, pixels)
         if added:
             trace += added.trace(*pixels.places).astype(trace.dtype)
@@ -46,8 +35,8 @@ class HalfPlane(SpecimenModel):
         plain = pixels.around()
         grid = surface_field_grid(plain, surface.grid, scene.numerics.tolerance)
         shear = surface.shear_mpa if surface.shear_mpa.any() else None
-        field = stress_difference(grid, surface.pressure_mpa, shear)
-        field = seen_by(field, plain, pixels)
+        field = stress.stress_difference(grid, surface.pressure_mpa, shear)
+        field = stress.seen_by(field, plain, pixels)
         added = self.added_stress(scene, surface, pixels)
         if added:
             field += added.difference(*pixels.places).astype(field.dtype)
@@ -70,7 +59,7 @@ class HalfPlane(SpecimenModel):
         assert surface is not None
         x, p, q = surface.grid.x_mm, surface.pressure_mpa, surface.shear_mpa
         added = self.added_stress(scene, surface, pixels)
-        return largest_shear(x, p, q, within=pixels.window, regular=added)
+        return stress.largest_shear(x, p, q, within=pixels.window, regular=added)
 
     def added_stress(self, scene: Scene, surface: SurfaceState, pixels: PixelGrid) -> RegularStress:
         """The bulk stress, and what sides add."""
@@ -85,7 +74,8 @@ MODEL = HalfPlane()
 
 
 @lru_cache(maxsize=1)
-def surface_field_grid(pixels: PixelGrid, grid: ContactGrid, tolerance: float) -> FieldGrid:
+def surface_field_grid(pixels: PixelGrid, grid: ContactGrid, tolerance: float) -> stress.FieldGrid:
     """The kernels from a contact's nodes to the pixels, ten pictures large; the last are kept."""
-    left, step, kind = grid.left_mm, grid.spacing_mm, field_dtype(tolerance)
-    return make_field_grid(pixels, left_mm=left, spacing_mm=step, nodes=grid.nodes, dtype=kind)
+    left, step, nodes = grid.left_mm, grid.spacing_mm, grid.nodes
+    kind = stress.field_dtype(tolerance)
+    return stress.make_field_grid(pixels, left_mm=left, spacing_mm=step, nodes=nodes, dtype=kind)

@@ -6,16 +6,10 @@ from importlib import import_module
 import numpy as np
 from numpy.typing import NDArray
 
+from isochrome import stress
 from isochrome.contact import SurfaceState
 from isochrome.scene import BODIES, Scene
-from isochrome.stress import (
-    NO_STRESS,
-    PixelGrid,
-    RegularStress,
-    ShearPeak,
-    StressComponents,
-    StressDifference,
-)
+from isochrome.stress import PixelGrid, RegularStress, ShearPeak, StressComponents, StressDifference
 
 Floats = NDArray[np.floating]
 Mask = NDArray[np.bool_]
@@ -43,29 +37,25 @@ class SpecimenModel(ABC):
 
     def trusted(self, scene: Scene, pixels: PixelGrid, hidden_mm: float) -> Mask:
         """Where a fit compares (rows, cols or 1): away from where place or load is no ideal one.
-
-        `hidden_mm`, the depth below a contact's surface that is left out.
-        """
+        `hidden_mm`, the depth below a contact's surface that is left out."""
         return self.inside(pixels)
 
     def peak(
         self, scene: Scene, surface: Acting, difference: Floats, pixels: PixelGrid
     ) -> ShearPeak:
         """Largest shear in the material in view, here at the pixels' centres, and its place.
-
-        `difference`, sigma_1 - sigma_2 (rows, cols), MPa; NaN outside the material.
-        """
+        `difference`, sigma_1 - sigma_2 (rows, cols), MPa; NaN outside the material."""
         shear = 0.5 * np.nan_to_num(difference, nan=-1.0)
         row, col = np.unravel_index(int(shear.argmax()), shear.shape)
         return ShearPeak(float(shear[row, col]), *pixels.place(int(row), int(col)))
 
     def added_stress(self, scene: Scene, surface: SurfaceState, pixels: PixelGrid) -> RegularStress:
         """Stress (MPa) in a contact's specimen besides a half-plane's by the tractions."""
-        return NO_STRESS
+        return stress.NO_STRESS
 
     def side_stress(self, scene: Scene, surface: SurfaceState, pixels: PixelGrid) -> RegularStress:
         """What the sides add to a half-plane's stress under the same contact."""
-        return NO_STRESS
+        return stress.NO_STRESS
 
 
 def centred(scene: Scene, pixels: PixelGrid) -> tuple[Floats, Floats]:
