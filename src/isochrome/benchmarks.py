@@ -1,16 +1,7 @@
 """`bench`: speed against error, this project beside the paper's own procedure, in one run.
-
-Other suites: `fringes` holds every way to the fringe order against frames whose order is known;
-`fit`, what a fit finds in frames, and what that costs, against the truth; `defects`, the same in
-frames of benches that are not ours; `inputs`, whether the whole uncertainty covers inputs that are
-off by chance; `track`, how many frames a second of a video `process --track`
-does; `memory`, the peak memory of long runs; `tolerance`, whether 300 random courses of load,
-friction and wear are within the tolerance that their scenes ask for.
-
-The cases live with the tests, in `tests/benchmarks` of the repository, so that the rival's code is
-there to be read and no part of the installed package. Ratios within one run are the claim, times
-are not: they are those of one machine and of what else it did.
-"""
+The suites and their cases live with the tests, in `tests/benchmarks` of the repository, so that the
+rival's code is there to be read and no part of the installed package. Ratios within one run are the
+claim, times are not: they are those of one machine and of what else it did."""
 
 import importlib.util
 import sys

@@ -125,13 +125,11 @@ def demo(out: str | Path = "isochrome-demo", *, progress: Progress | None = None
         say("following the sample film")
         with open_frames(samples / "sliding-film" / "film.avi") as reader:
             swing = list(islice(reader, 0, _SWING, 2))
-        images = xarray.DataArray(
-            np.stack([frame.image for frame in swing]),
-            dims=("frame", "row", "col"),
-            coords={"time_s": ("frame", [frame.time_s for frame in swing])},
-        )
+        images, times = np.stack([f.image for f in swing]), [f.time_s for f in swing]
+        axes, places = ("frame", "row", "col"), {"time_s": ("frame", times)}
+        film = xarray.DataArray(images, places, axes)
         film_scene = load_scene(samples / "sliding-film" / "scene.toml")
-        followed = process(images, film_scene, folder / "film", track=True, as_stated=True)
+        followed = process(film, film_scene, folder / "film", track=True, as_stated=True)
         say("calibrating the fringe value from bending and disc images")
         bending = calibrate_bending(samples / "bending" / "set.toml")
         save_calibration(bending, folder / "calibration-bending")
@@ -153,17 +151,11 @@ def demo(out: str | Path = "isochrome-demo", *, progress: Progress | None = None
             ("f_sigma from bending (N/mm)", _with_u(bending), truth["bending"]),
             ("f_sigma from the disc (N/mm)", _with_u(disc), truth["disc"]),
         ]  # fmt: skip
-        summary = {
-            "folder": str(folder),
-            "history": paper.history,
-            "frames": experiment.columns,
-            "metrics": comparison.columns,
-            "calibration_bending": bending.to_json(),
-            "calibration_disc": disc.to_json(),
-            "check": [finding.text for finding in checked.findings],
-            "film": followed.columns,
-            "warnings": [*experiment.warnings, *followed.warnings],
-        }
+        summary: dict[str, Any] = {"folder": str(folder), "history": paper.history}
+        summary |= {"frames": experiment.columns, "metrics": comparison.columns}
+        summary |= {"calibration_bending": bending.to_json(), "calibration_disc": disc.to_json()}
+        summary |= {"check": [one.text for one in checked.findings], "film": followed.columns}
+        summary["warnings"] = [*experiment.warnings, *followed.warnings]
         write_json(folder / "demo.json", summary)
         return Demo(folder, rows, summary, comparison, draw=comparison.figure)
 

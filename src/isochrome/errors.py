@@ -1,8 +1,6 @@
-"""The two ways in which Isochrome says no.
-
-Every refusal is one sentence that names the file, key or frame, the value found, what is
-allowed and what to do. The command line turns them into the exit codes 2 and 3.
-"""
+"""The two ways in which Isochrome says no. Every refusal is one sentence that names the file, key
+or frame, the value found, what is allowed and what to do. The command line turns them into the exit
+codes 2 and 3."""
 
 from typing import Any
 

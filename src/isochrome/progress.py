@@ -7,10 +7,8 @@ from dataclasses import dataclass
 @dataclass(frozen=True)
 class Tally:
     """How far a long run is: items `done` of `count`, those of them that were there when it began.
-
     `flagged`, those that have warnings or failed; `said`, what is to be known of it beforehand;
-    `stage`, what is done with the items before they are begun, of which the numbers then tell.
-    """
+    `stage`, what is done with the items before they are begun, of which the numbers then tell."""
 
     done: int
     count: int

@@ -335,8 +335,7 @@ def sweep_command(
         f"{result.failed} of {result.points} points were refused by their physics, "
         f"as sweep.csv says; the others are in {out}"
     )
-    failure = (missing, 3) if result.failed else None
-    return Finished(result, show, shows_all=True, failure=failure)
+    return Finished(result, show, shows_all=True, failure=(missing, 3) if result.failed else None)
 
 
 def _plain(values: dict[str, Any], *lines: Any) -> Finished:

@@ -112,15 +112,11 @@ _TYPES: dict[str, Any] = {
 }  # fmt: skip
 
 
-def _read_options() -> dict[str, Options]:
-    text = Path(__file__).with_name("options.toml").read_text("utf-8")
-    return {
-        table: {name: (_TYPES[kind], *words) for name, (kind, *words) in rows.items()}
-        for table, rows in tomllib.loads(text).items()
-    }
-
-
-OPTIONS = _read_options()
+_TABLES = tomllib.loads(Path(__file__).with_name("options.toml").read_text("utf-8"))
+OPTIONS: dict[str, Options] = {
+    table: {name: (_TYPES[kind], *words) for name, (kind, *words) in rows.items()}
+    for table, rows in _TABLES.items()
+}
 """Options that commands share, or that a function takes, by the name of their table."""
 
 
@@ -130,20 +126,14 @@ def parameters(
     """A function's own arguments, --out, the tables' options (off or None by default), --json."""
     kind = inspect.Parameter.POSITIONAL_OR_KEYWORD
     place = [] if out is None else [inspect.Parameter("out", kind, default=out, annotation=Out)]
-    options = [
-        inspect.Parameter(
-            name,
-            kind,
-            default=False if of is bool else None,
-            annotation=Annotated[
-                of, typer.Option(*(spelt or [f"--{name.replace('_', '-')}"]), help=text)
-            ],
-        )
-        for table in tables
-        for name, (of, text, *spelt) in (
-            OPTIONS[table] if isinstance(table, str) else table
-        ).items()
-    ]
+
+    def option(name: str, of: Any, text: str, *spelt: str) -> inspect.Parameter:
+        asked = typer.Option(*(spelt or [f"--{name.replace('_', '-')}"]), help=text)
+        default = False if of is bool else None
+        return inspect.Parameter(name, kind, default=default, annotation=Annotated[of, asked])
+
+    rows = (OPTIONS[table] if isinstance(table, str) else table for table in tables)
+    options = [option(name, *row) for table in rows for name, row in table.items()]
     as_json = inspect.Parameter("as_json", kind, default=False, annotation=Json)
     return [*(one for one in given if one.kind is kind), *place, *options, as_json]
 
@@ -199,11 +189,9 @@ def take_style(options: dict[str, Any]) -> FigureStyle | None:
 
 
 def save_paper_figure(result: Any, out: Path, style: FigureStyle | None) -> list[str]:
-    """Write a result's figure for a paper into its folder, where it was asked for.
-
-    What it warns of stands on standard error. Gives the files' names. In Python, where a figure has
-    any name, none of an earlier one is removed: the file might be the user's own.
-    """
+    """Write a result's figure for a paper into its folder, where it was asked for. What it warns of
+    stands on standard error. Gives the files' names. In Python, where a figure has any name, none
+    of an earlier one is removed: the file might be the user's own."""
     if style is None:
         return []
     from isochrome.figures import save_figure
@@ -226,6 +214,5 @@ def _remove(file: Path) -> None:
     try:
         file.unlink()
     except OSError as error:
-        raise InputError(
-            "cannot_written_make_folder", file=file, strerror=error.strerror
-        ) from error
+        why = error.strerror
+        raise InputError("cannot_written_make_folder", file=file, strerror=why) from error

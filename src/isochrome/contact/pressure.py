@@ -47,11 +47,9 @@ _NEAR = 20
 
 @dataclass(frozen=True, kw_only=True)
 class Surface:
-    """The surface operator of one grid of n nodes: spectra made once, used by every solve.
-
-    The symbols on an endless grid are those of the same kernels; their inverse is the
-    preconditioner.
-    """
+    """The surface operator of one grid of n nodes: spectra made once, used by every solve. The
+    symbols on an endless grid are those of the same kernels; their inverse is the
+    preconditioner."""
 
     nodes: int
     spacing_mm: float  # h
@@ -75,10 +73,8 @@ def make_surface(
     layer_mm_per_mpa: float = 0.0,
 ) -> Surface:  # fmt: skip
     """The surface operator of a grid, for E*, the coupling 1/G* (0: none) and a layer that gives
-    way by its compliance times the pressure (Johnson, 1985, section 4.3: Winkler's foundation).
-
-    The last ones are kept: a video's frames are solved on one. Source: see the module.
-    """
+    way by its compliance times the pressure (Johnson, 1985, section 4.3: Winkler's foundation). The
+    last ones are kept: a video's frames are solved on one. Source: see the module."""
     n, h = nodes, spacing_mm
     length = int(scipy.fft.next_fast_len(2 * n, real=True))
     half = -2.0 / (np.pi * contact_modulus_mpa) * log_of_hat(n, h)
@@ -124,10 +120,8 @@ def combined(
 
 def log_of_hat(nodes: int, spacing_mm: float) -> Floats:
     """Integrals ∫ hat(t) ln|x_j - t| dt (mm) for lags j = 0 .. nodes-1, hat of half-width h.
-
-    [F(x+h) - 2F(x) + F(x-h)]/h with F = x² ln|x|/2 - 3x²/4 near by, and the hat's moments,
-    h (ln x - Σ_m (h/x)^{2m} / (m (2m+1) (2m+2))), from lag 20, where F cancels.
-    """
+    [F(x+h) - 2F(x) + F(x-h)]/h with F = x² ln|x|/2 - 3x²/4 near by, and the hat's moments, h (ln x
+    - Σ_m (h/x)^{2m} / (m (2m+1) (2m+2))), from lag 20, where F cancels."""
     lag = np.arange(nodes, dtype=float)
     far_lag = np.maximum(lag, _NEAR)
     series = np.log(far_lag)
@@ -152,10 +146,8 @@ def _circular(half: Floats, length: int, *, odd: bool = False) -> Floats:
 
 
 def _lattice_symbol(theta: Floats) -> Floats:
-    """Transform of -ln|x|/pi against hats on an endless unit lattice: Σ_l sinc²(w/2)/|w|.
-
-    w = theta + 2 pi l; the zero mode, which the load fixes, is given a finite stand-in.
-    """
+    """Transform of -ln|x|/pi against hats on an endless unit lattice: Σ_l sinc²(w/2)/|w|. w = theta
+    + 2 pi l; the zero mode, which the load fixes, is given a finite stand-in."""
     shifts = theta[:, None] + 2.0 * np.pi * np.arange(-8, 9)[None, :]
     w = np.where(shifts == 0.0, theta[1] / 4.0, np.abs(shifts))
     return np.asarray((np.sinc(w / (2.0 * np.pi)) ** 2 / w).sum(axis=1))
@@ -167,9 +159,7 @@ FAR_MM = 1e3
 
 def undeformed_gap(scene: Scene, x_mm: Floats) -> Floats:
     """Gap between the unloaded bodies (mm), up to a constant; InputError on an unusable profile.
-
-    x²/(2R) for a cylinder, 0 between a flat's corners, and what the profile file adds.
-    """
+    x²/(2R) for a cylinder, 0 between a flat's corners, and what the profile file adds."""
     indenter = scene.pressed_body
     gap = np.zeros_like(x_mm)
     if indenter.radius_mm is not None and indenter.shape == "cylinder":
@@ -185,10 +175,8 @@ def undeformed_gap(scene: Scene, x_mm: Floats) -> Floats:
 
 def read_profile(path: Path) -> tuple[Floats, Floats]:
     """A measured profile, x rising and gap (mm): a CSV file with columns x_mm and gap_mm or gap_um.
-
     Its smallest gap is taken as 0, since the rounding of a datum would be felt as roughness.
-    InputError names the file and the fix.
-    """
+    InputError names the file and the fix."""
     try:
         stat = path.stat()
     except OSError as error:
@@ -252,12 +240,10 @@ class ActiveSystem:
         return np.asarray(inside * z[: self.surface.nodes])
 
     def solve(self, active: Mask, start: Floats, tolerance: float, *, look: bool) -> ActiveSet:
-        """Solve with contact on `active` to a relative residual, from a pressure near by.
-
-        By Gauss's elimination on a small grid, with the load as the last row, and the approach as
+        """Solve with contact on `active` to a relative residual, from a pressure near by. By
+        Gauss's elimination on a small grid, with the load as the last row, and the approach as
         unknown. With `look` the signs are looked at on the way: a wrong set need not be solved to
-        the end.
-        """
+        the end."""
         if self.surface.dense is None:
             return self._iteratively(active, start, tolerance, look)
         normal, coupling = self.surface.dense
@@ -273,10 +259,8 @@ class ActiveSystem:
         return self._judged(active, pressure, u, tolerance, 0.0, 1)
 
     def _iteratively(self, active: Mask, start: Floats, tolerance: float, look: bool) -> ActiveSet:
-        """Generalised conjugate residuals.
-
-        Rows of `state` are p, the equations' error inside, and u; those of `move` their changes.
-        """
+        """Generalised conjugate residuals. Rows of `state` are p, the equations' error inside, and
+        u; those of `move` their changes."""
         inside, count = active.astype(float), int(np.count_nonzero(active))
         along = self.precondition(inside, inside)
         along /= along.sum()
@@ -364,12 +348,10 @@ def solve_pressure(
     wear_mm_per_mpa: float = 0.0, start: Floats | None = None, tolerance: float = 1e-10,
 ) -> ContactState:  # fmt: skip
     """Contact pressure under the load P', for an undeformed gap (n,) that includes the worn depth.
-
     A constant offset of the gap does not matter; mu counts in the coupling alone; `wear_mm_per_mpa`
     is the diagonal c. `start` (n,), MPa: a coarser grid's where it is absent or bears nothing.
     `tolerance` is the KKT residual's. InputError on a gap or load that is none, PhysicsError where
-    it does not converge.
-    """
+    it does not converge."""
     datum = float(gap_mm.min())  # its rounding would be felt as roughness
     if not (math.isfinite(datum) and math.isfinite(float(gap_mm.max()))):
         raise InputError("gap_between_bodies_not")
@@ -409,10 +391,8 @@ def solve_pressure(
 
 def _to_the_edge(active: Mask, wrong: Mask) -> Mask:
     """The nodes to change: the wrong ones, in numbers that bring an edge of contact to its place.
-
     At the distance d from an edge that is δ too far out, p ~ (d - δ/2)/√d: only half of what is too
-    much pulls. Beyond one that is δ too far in, the bodies overlap over 3δ/2.
-    """
+    much pulls. Beyond one that is δ too far in, the bodies overlap over 3δ/2."""
     change = wrong.copy()
     for start, end in _runs(wrong & active):
         more = end - start - 1
@@ -438,9 +418,8 @@ def _from_coarse(
     surface: Surface, gap: Floats, load: float, friction: float, wear: float
 ) -> Floats:
     """A start from a four times coarser grid; on the coarsest, where the bodies would overlap.
-
-    There the overlap at the contact's edge is taken as that of a parabola, x²/(2R) = 2 P'/(pi E*).
-    """
+    There the overlap at the contact's edge is taken as that of a parabola, x²/(2R) = 2 P'/(pi
+    E*)."""
     coarse = surface.coarse
     if coarse is None:
         depth = gap.min() + 2.0 * load / (np.pi * surface.modulus_mpa)

@@ -46,12 +46,10 @@ has moved, and as φ⁴ to φ⁶ after."""
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """Matrices of a mesh of n intervals on -1..1, for values at its n-1 inner nodes.
-
-    `xi` (n+1,): all nodes, from the right edge to the left; `logarithm` (n+1, n-1):
-    -(1/π) ∫ p ln|ξ-t| dt up to a constant; `ahead` (n+1, n-1): ∫_ξ^1 p dt; `total` (n-1,): ∫ p dt;
-    `slope` (n-1, n-1): derivative along ξ of what vanishes at both ends.
-    """
+    """Matrices of a mesh of n intervals on -1..1, for values at its n-1 inner nodes. `xi` (n+1,):
+    all nodes, from the right edge to the left; `logarithm` (n+1, n-1): -(1/π) ∫ p ln|ξ-t| dt up to
+    a constant; `ahead` (n+1, n-1): ∫_ξ^1 p dt; `total` (n-1,): ∫ p dt; `slope` (n-1, n-1):
+    derivative along ξ of what vanishes at both ends."""
 
     xi: Floats
     logarithm: Floats = field(repr=False)
@@ -87,21 +85,16 @@ def make_mesh(intervals: int) -> Mesh:
     share = np.r_[np.full(n - 1, 2.0 / n), 1.0 / n] / k
     terms = share[:, None] * np.cos(np.outer(k, inner)) * weight  # c_k/k
     ratio = 3.0 - c[:, None] ** 2 - np.outer(c, c[1:-1]) - c[1:-1] ** 2
-    return Mesh(
-        xi=0.5 * c * (3.0 - c * c),
-        logarithm=np.cos(np.outer(phi, k)) @ terms - np.log(ratio) * mean,
-        ahead=np.outer(phi, mean) + np.sin(np.outer(phi, k)) @ terms,
-        total=np.pi * mean,
-        slope=_slope(n) / -weight[:, None],
-    )
+    logarithm = np.cos(np.outer(phi, k)) @ terms - np.log(ratio) * mean
+    ahead = np.outer(phi, mean) + np.sin(np.outer(phi, k)) @ terms
+    xi, slope = 0.5 * c * (3.0 - c * c), _slope(n) / -weight[:, None]
+    return Mesh(xi=xi, logarithm=logarithm, ahead=ahead, total=np.pi * mean, slope=slope)
 
 
 def _slope(n: int) -> Floats:
-    """Differences along φ for a function that is even about both ends and zero there.
-
-    Low order and local on purpose: the depth grows as a broken power of the distance from an edge,
-    and a derivative by the whole series would send the error of that all over the contact.
-    """
+    """Differences along φ for a function that is even about both ends and zero there. Low order and
+    local on purpose: the depth grows as a broken power of the distance from an edge, and a
+    derivative by the whole series would send the error of that all over the contact."""
     offsets = np.arange(-_BACK, _AHEAD + 1.0)
     stencil = _exact_slope(offsets, np.arange(float(len(offsets))), np.eye(len(offsets))[1])
     half = np.zeros((n + 1, n + 1))
@@ -161,10 +154,8 @@ class ScarEquations:
     course: SlidingHistory
 
     def unworn(self) -> MeshPoint:
-        """The contact before wear, by Newton's method on (p, m, b, d) from Hertz's solution.
-
-        Raises PhysicsError where it does not converge.
-        """
+        """The contact before wear, by Newton's method on (p, m, b, d) from Hertz's solution. Raises
+        PhysicsError where it does not converge."""
         load, a = self._driven(*self.course.leaving(0.0))
         xi, n = self.mesh.xi, len(self.mesh.xi) - 2
         y = np.r_[np.sqrt(1.0 - xi[1:-1] ** 2), 0.0, 1.0, 0.5]
@@ -186,10 +177,8 @@ class ScarEquations:
     def step(
         self, dose: float, span: float, base: Floats, forecast: Floats
     ) -> tuple[MeshPoint, Floats]:
-        """The state at a dose where (h, m, b)' = (state - base)/span, and its change.
-
-        One Newton step from the `forecast` (n+2,) of the state.
-        """
+        """The state at a dose where (h, m, b)' = (state - base)/span, and its change. One Newton
+        step from the `forecast` (n+2,) of the state."""
         load, a = self._driven(*self.course.at(dose * self.units.dose_mm_per_mpa))
         xi, n = self.mesh.xi, len(self.mesh.xi) - 2
         h, (m, b, d) = forecast[:n], forecast[n:]
@@ -233,9 +222,7 @@ def hertz_units(
     radius_mm: float, modulus_mpa: float, coupling_per_mpa: float, load: float
 ) -> Units:
     """Units of a cylinder's contact under a line load: a² = 4 P' R/(π E*), p0 = E* a/(2R).
-
-    `coupling_per_mpa` is 1/G*. Source: Johnson (1985), section 4.2.
-    """
+    `coupling_per_mpa` is 1/G*. Source: Johnson (1985), section 4.2."""
     length = math.sqrt(4.0 * load * radius_mm / (math.pi * modulus_mpa))
     pressure, beta = 0.5 * modulus_mpa * length / radius_mm, 0.25 * modulus_mpa * coupling_per_mpa
     return Units(load, length, pressure, length**2 / radius_mm, beta)
@@ -294,13 +281,11 @@ def scar_history(
     radius_mm: float, contact_modulus_mpa: float, coupling_per_mpa: float, history: SlidingHistory,
     stops: Sequence[OutputState], *, tolerance: float, held: bool = False,
 ) -> Iterator[Scar]:  # fmt: skip
-    """Solve worn contacts of a cylinder at rising doses, as long as both edges advance.
-
-    They end before the first stop on whose way an edge draws back, which leaves worn surface
-    behind, or jumps: neither is held in this frame. `held`: both edges are known to advance that
-    far. E* and 1/G* (1/MPa) are the contact's, `tolerance` the wanted relative error of the
-    pressure. PhysicsError where the steps do not converge.
-    """
+    """Solve worn contacts of a cylinder at rising doses, as long as both edges advance. They end
+    before the first stop on whose way an edge draws back, which leaves worn surface behind, or
+    jumps: neither is held in this frame. `held`: both edges are known to advance that far. E* and
+    1/G* (1/MPa) are the contact's, `tolerance` the wanted relative error of the pressure.
+    PhysicsError where the steps do not converge."""
     load, _ = history.leaving(0.0)
     bend, finest = tolerance, _FINEST
     if load_rises(history):
@@ -337,9 +322,7 @@ class Walk:
 
     def to(self, dose: float, distance_m: float) -> list[MeshPoint]:
         """The points whose last is the first not before a dose; none where they end before it.
-
-        PhysicsError names the distance of a dose that so many steps do not reach.
-        """
+        PhysicsError names the distance of a dose that so many steps do not reach."""
         least = dose * (1.0 - SAME)
         with self._lock:
             while self._made[-1][0].dose < least:
@@ -355,8 +338,7 @@ class Walk:
 @lru_cache(maxsize=16)
 def _steady_walk(mesh: Mesh, pull: float, allowed: float, held: bool) -> Walk:
     """The walk of all contacts under one load and one friction: in their units they differ by
-    `pull` = mu beta alone.
-    """
+    `pull` = mu beta alone."""
     course = SlidingHistory(np.arange(2.0), np.arange(2.0), np.ones(2), np.full(2, pull))
     equations = ScarEquations(mesh, Units(1.0, 1.0, 1.0, 1.0, 1.0), course)
     return Walk(equations, math.inf, allowed, held)
@@ -369,11 +351,9 @@ def load_rises(history: SlidingHistory) -> bool:
 
 def unresolved(scar: Scar) -> float:
     """How much of a scar's pressure its mesh may miss, a ratio: what every second node alone does.
-
     Equation: max |w - w_2| / max w of the load per φ, w = p (3/2) sin³φ, with w_2 the spline
     through every second node. Where a bend of the depth lies between few nodes, p_max errs by 0.15
-    to 1.6 of it, for errors of 1e-6 to 5e-4 and 78 to 240 intervals (measured).
-    """
+    to 1.6 of it, for errors of 1e-6 to 5e-4 and 78 to 240 intervals (measured)."""
     from scipy.interpolate import CubicSpline
 
     phi = angles(len(scar.x_mm) - 1)
@@ -385,11 +365,9 @@ def unresolved(scar: Scar) -> float:
 def _walk(
     equations: ScarEquations, points: list[MeshPoint], end: float, allowed: float, held: bool
 ) -> Iterator[list[MeshPoint]]:
-    """The last points after each step to a dose; ends where an edge draws back, or nearly jumps.
-
-    A step that errs since load or friction have a kink in it ends there, and the next ones begin
-    anew: what was before does not foretell what comes, and edges forecast across it would ring.
-    """
+    """The last points after each step to a dose; ends where an edge draws back, or nearly jumps. A
+    step that errs since load or friction have a kink in it ends there, and the next ones begin
+    anew: what was before does not foretell what comes, and edges forecast across it would ring."""
     history, unit = equations.course, equations.units.dose_mm_per_mpa
     edges, first = _edges(points[0]), _FIRST * math.sqrt(allowed)
     step, kink = first, math.inf
@@ -446,10 +424,8 @@ def _edges(point: MeshPoint) -> Floats:
 
 
 def _growth(points: list[MeshPoint], new: MeshPoint) -> Floats:
-    """How far the edges would go in another step like the last, by their speed at its end.
-
-    A step may pass over the dose at which an edge turns.
-    """
+    """How far the edges would go in another step like the last, by their speed at its end. A step
+    may pass over the dose at which an edge turns."""
     past = [new, *points[:_ORDER]]
     speeds = _slope_weights([point.dose for point in past])
     size = new.dose - points[0].dose
@@ -457,20 +433,14 @@ def _growth(points: list[MeshPoint], new: MeshPoint) -> Floats:
 
 
 def _scar(equations: ScarEquations, stop: OutputState, point: MeshPoint) -> Scar:
-    """A point in mm and MPa, from the left edge to the right.
-
-    Between steps the polynomials of p and b carry the load only to their order: p is scaled to it.
-    """
+    """A point in mm and MPa, from the left edge to the right. Between steps the polynomials of p
+    and b carry the load only to their order: p is scaled to it."""
     mesh, units, n = equations.mesh, equations.units, len(point.pressure)
     m, b = point.state[n : n + 2]
     borne = units.pressure_mpa * units.length_mm * b * float(mesh.total @ point.pressure)
     scale = units.pressure_mpa * stop.line_load_n_per_mm / borne
-    return Scar(
-        stop=stop,
-        x_mm=units.length_mm * (m + b * mesh.xi[::-1]),
-        pressure_mpa=scale * np.pad(point.pressure[::-1], 1),
-        depth_mm=units.depth_mm * np.pad(point.state[:n][::-1], 1),
-    )
+    x_mm, pressure = units.length_mm * (m + b * mesh.xi[::-1]), np.pad(point.pressure[::-1], 1)
+    return Scar(stop, x_mm, scale * pressure, units.depth_mm * np.pad(point.state[:n][::-1], 1))
 
 
 def _at(points: list[MeshPoint], dose: float) -> MeshPoint:

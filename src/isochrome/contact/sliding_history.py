@@ -1,11 +1,9 @@
-"""The course of a run: wear dose, load and friction over the sliding distance.
-
-Every wear law has the form dh = kappa(s) p ds, so that the distance enters only through the dose
-K(s) = ∫ kappa ds (mm/MPa), dh/dK = p. kappa is smooth between the points of the scene's tables:
-Gauss-Legendre quadrature of each smooth stretch gives the dose, to rounding where a coefficient is
-a number or a table; other stretches are halved until a second rule gives the same dose, and until
-load and friction are linear in the dose, as they are in the distance.
-"""
+"""The course of a run: wear dose, load and friction over the sliding distance. Every wear law has
+the form dh = kappa(s) p ds, so that the distance enters only through the dose K(s) = ∫ kappa ds
+(mm/MPa), dh/dK = p. kappa is smooth between the points of the scene's tables: Gauss-Legendre
+quadrature of each smooth stretch gives the dose, to rounding where a coefficient is a number or a
+table; other stretches are halved until a second rule gives the same dose, and until load and
+friction are linear in the dose, as they are in the distance."""
 
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
@@ -60,20 +58,16 @@ def integral(
     rate: Rate, a: Floats, b: Floats, *, nodes: Floats = _NODES, weights: Floats = _WEIGHTS
 ) -> Floats:
     """Integrals ∫ rate ds (m,) over smooth stretches from `a` to `b` (m,), m, by Gauss-Legendre.
-
-    `nodes`, `weights` (k,) of another rule on -1 to 1.
-    """
+    `nodes`, `weights` (k,) of another rule on -1 to 1."""
     half = 0.5 * (b - a)
     values = rate((0.5 * (a + b))[:, None] + half[:, None] * nodes)
     return np.asarray(half * np.einsum("ij,j->i", values, weights))
 
 
 def _resolved(rate: Rate, s: Floats) -> Floats:
-    """Distances, and points between them so that quadrature between neighbours gives the dose.
-
-    A stretch is halved where two rules of quadrature differ; the second sees its ends, where a
-    running-in far shorter than the stretch shows. Source: Gander & Gautschi (2000), BIT 40, 84.
-    """
+    """Distances, and points between them so that quadrature between neighbours gives the dose. A
+    stretch is halved where two rules of quadrature differ; the second sees its ends, where a
+    running-in far shorter than the stretch shows. Source: Gander & Gautschi (2000), BIT 40, 84."""
     for _ in range(_MAX_HALVINGS):
         a, b = s[:-1], s[1:]
         dose = integral(rate, a, b)
@@ -89,10 +83,9 @@ def _resolved(rate: Rate, s: Floats) -> Floats:
 
 def sampled(scene: Scene, rate: Rate, kinks: Floats) -> Floats:
     """Distances (m,), m, between which load and friction are linear in the dose ∫ rate ds.
-
     Stretches are halved until quadrature gives their dose, and two places in each show the line: in
-    one place, an inflection of the dose could pass for a straight line. For `kinks` see `kinks_of`.
-    """
+    one place, an inflection of the dose could pass for a straight line. For `kinks` see
+    `kinks_of`."""
     change = np.abs(np.diff(scene.friction_at(kinks)))
     parts = np.maximum(1, np.ceil(change / _FRICTION_STRETCH)).astype(int)
     pieces = [
@@ -131,8 +124,7 @@ _SAME_DRIVE = 1e-6
 
 def same_drive(one: tuple[float, float], other: tuple[float, float]) -> bool:
     """Whether two pairs of line load and mu are the same, to 1e-6 of each; friction that changes
-    its sign is none within rounding.
-    """
+    its sign is none within rounding."""
     return all(abs(a - b) <= SAME + _SAME_DRIVE * abs(b) for a, b in zip(one, other, strict=True))
 
 
@@ -187,10 +179,8 @@ class SlidingHistory:
             i = min(i, len(doses) - 1)
             return float(self.line_load_n_per_mm[i]), float(self.friction[i])
         t = (dose - doses[i - 1]) / (doses[i] - doses[i - 1])
-        load, mu = (
-            float(values[i - 1] + t * (values[i] - values[i - 1]))
-            for values in (self.line_load_n_per_mm, self.friction)
-        )
+        columns = self.line_load_n_per_mm, self.friction
+        load, mu = (float(v[i - 1] + t * (v[i] - v[i - 1])) for v in columns)
         return load, mu
 
 
@@ -217,20 +207,16 @@ class OutputState:
 
 def paused_doses(history: SlidingHistory, stops: Sequence[OutputState]) -> frozenset[float]:
     """Doses (mm/MPa) at which a state has another load or friction than the course on arriving."""
-    return frozenset(
-        stop.dose_mm_per_mpa
-        for stop in stops
-        if not same_drive(stop.drive, history.at(stop.dose_mm_per_mpa))
-    )
+    others = (s for s in stops if not same_drive(s.drive, history.at(s.dose_mm_per_mpa)))
+    return frozenset(stop.dose_mm_per_mpa for stop in others)
 
 
 def wear_rate(wear: Wear, friction: Value, distance_m: Value) -> Value:
     """Depth per pressure and distance, kappa of dh = kappa p ds, mm²/N: the one place of a law.
-
     'archard': k; 'sarkar': k sqrt(1 + 3 mu²); 'dissipated_energy': k |mu|, as the energy per area
     is |mu| p ds (k is worn volume per energy, 1 mm³/J = 1e-3 mm²/N). Sources: Archard (1953), J.
-    Appl. Phys. 24, 981; Sarkar (1980), Friction and Wear; Fouvry et al. (1997), Wear 203-204, 393.
-    """
+    Appl. Phys. 24, 981; Sarkar (1980), Friction and Wear; Fouvry et al. (1997), Wear 203-204,
+    393."""
     coefficient = wear.coefficient_at(distance_m)
     if wear.law == "archard":
         return coefficient
@@ -243,11 +229,9 @@ def wear_rate(wear: Wear, friction: Value, distance_m: Value) -> Value:
 
 
 def mean_wear_rate(wear: Wear, friction: float | Floats, distance_m: float) -> Floats:
-    """Mean of kappa from the start to a distance, at one friction, mm²/N: where a search starts.
-
-    By eight points, and exactly kappa where it does not go with the distance; `wear_course` gives
-    the dose itself. The coefficient of [wear] may be an array (m,) of those that a search tries.
-    """
+    """Mean of kappa from the start to a distance, at one friction, mm²/N: where a search starts. By
+    eight points, and exactly kappa where it does not go with the distance; `wear_course` gives the
+    dose itself. The coefficient of [wear] may be an array (m,) of those that a search tries."""
     mu: Any = friction
     places = [0.5 * distance_m * (1.0 + float(node)) for node in _NODES]
     first, *others = [wear_rate(wear, mu, np.full(np.shape(mu), s)) for s in places]
@@ -257,9 +241,7 @@ def mean_wear_rate(wear: Wear, friction: float | Floats, distance_m: float) -> F
 
 def wear_course(scene: Scene) -> tuple[SlidingHistory, list[OutputState]]:
     """The sliding history of a contact scene, and its states in the order of `wear.distances_m`.
-
-    Without wear there is one state, at no distance.
-    """
+    Without wear there is one state, at no distance."""
     thickness = scene.specimen.thickness_mm
     assert thickness is not None
     wanted = np.array(scene.wear.distances_m if scene.wear else (0.0,), dtype=float)
@@ -280,8 +262,7 @@ def wear_course(scene: Scene) -> tuple[SlidingHistory, list[OutputState]]:
     dose = np.concatenate([[0.0], np.cumsum(integral(rate, s[:-1], s[1:]))])
     below = np.searchsorted(s, wanted, side="right") - 1
     doses = dose[below] + integral(rate, s[below], wanted)
-    inside = np.unique(dose[np.isin(s, kinks)])
-    breaks = tuple(float(d) for d in inside if 0.0 < d < dose[-1])
+    breaks = tuple(float(d) for d in np.unique(dose[np.isin(s, kinks)]) if 0.0 < d < dose[-1])
     history = SlidingHistory(s, dose, scene.load_at(s) / thickness, friction_before(s), breaks)
     loads, friction = scene.load_at(wanted) / thickness, scene.friction_at(wanted)
     columns = (wanted.tolist(), doses.tolist(), loads.tolist(), friction.tolist())

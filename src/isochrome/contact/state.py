@@ -1,7 +1,5 @@
-"""What acts on the specimen's surface in one state of a contact.
-
-A scene's elastic constants and load, and the grid on which its contact is solved.
-"""
+"""What acts on the specimen's surface in one state of a contact. A scene's elastic constants and
+load, and the grid on which its contact is solved."""
 
 import math
 from dataclasses import dataclass
@@ -52,11 +50,9 @@ class ContactGrid:
 
 def elastic_constants(scene: Scene) -> tuple[float, float]:
     """E* (MPa) and 1/G* (1/MPa) of a scene with an indenter, in its plane strain or plane stress.
-
     1/E* = Σ (1-nu²)/E and 1/G* = (1-2nu1)/G1 - (1-2nu2)/G2 in plane strain; plane stress is the
     same with nu/(1+nu) for nu at unchanged G. Source: Johnson (1985), sections 2.4 and 5.4;
-    Timoshenko & Goodier (1970), section 16, for the exchange.
-    """
+    Timoshenko & Goodier (1970), section 16, for the exchange."""
     block, other = scene.specimen, scene.indenter
     assert other is not None and block.young_gpa is not None and block.poisson is not None
     compliance = coupling = 0.0
@@ -82,13 +78,11 @@ def contact_grid(
     line_loads_n_per_mm: tuple[float, float] | None = None,
     growth: float = 1.0,
 ) -> ContactGrid:
-    """A grid that holds the contact at every state, fine enough for the unworn one.
-
-    Half-width (a³ + c³)^(1/3) with a margin, a of Hertz, c = (3 R K P'/2)^(1/3) of the worn arc; it
-    reaches a measured profile's outer hills. Spacing: 1/4 of the profile's row step at most, a part
-    of the pixel, so that the stress needs no interpolation. Of `line_loads_n_per_mm` the smaller
-    sets it, the larger the window, which `growth` widens. PhysicsError where no grid does.
-    """
+    """A grid that holds the contact at every state, fine enough for the unworn one. Half-width (a³
+    + c³)^(1/3) with a margin, a of Hertz, c = (3 R K P'/2)^(1/3) of the worn arc; it reaches a
+    measured profile's outer hills. Spacing: 1/4 of the profile's row step at most, a part of the
+    pixel, so that the stress needs no interpolation. Of `line_loads_n_per_mm` the smaller sets it,
+    the larger the window, which `growth` widens. PhysicsError where no grid does."""
     modulus, _ = elastic_constants(scene)
     loads = line_loads_n_per_mm or (line_load(scene), line_load(scene))
     finest, reach = _contact_reach(scene, modulus, largest_dose_mm_per_mpa, loads)

@@ -112,12 +112,10 @@ def wear_history(
     tolerance: float = 1e-4, start: tuple[float, Floats] | None = None,
 ) -> Iterator[WornState]:  # fmt: skip
     """Solve a worn contact at rising doses, hit exactly, each state yielded as soon as it is known.
-
     `gap_mm` (n,) is the unworn gap; the friction counts in the coupling alone; `stops` are sorted
     by dose, each with its own load and friction; `tolerance` is the wanted relative error of the
     pressure; `start`, dose and depth (n,) where the run goes on. PhysicsError where a contact does
-    not converge.
-    """
+    not converge."""
     dose, depth = start or (0.0, np.zeros(surface.nodes))
     load, mu = history.leaving(dose)
     contact = solve_pressure(surface, gap_mm + depth, load, friction=mu, tolerance=1e-10)
@@ -188,11 +186,9 @@ def _advance(
     surface: Surface, gap: Floats, drive: tuple[float, float], now: WornState, past: _Past | None,
     size: float, tolerance: float, shortest: float, share: float = 1.0,
 ) -> tuple[WornState | None, float]:  # fmt: skip
-    """One implicit step, None where its forecast errs too much, and the next step's size.
-
-    A step of the `shortest` size is taken whatever it errs; `share` of what the tolerance of the
-    pressure allows in the displacement.
-    """
+    """One implicit step, None where its forecast errs too much, and the next step's size. A step of
+    the `shortest` size is taken whatever it errs; `share` of what the tolerance of the pressure
+    allows in the displacement."""
     load, friction = drive
     if past is None:
         base, diagonal, forecast = now.depth_mm, size, now.contact.pressure
@@ -263,11 +259,9 @@ def make_site(scene: Scene, grid: ContactGrid) -> ContactSetup:
 
 @dataclass(frozen=True)
 class GrowingScar:
-    """A scar (n,) on a grid where a stretch of wear has ended, which goes on from there.
-
-    `drive`, line load (N/mm) and friction at the end; `pressure_mpa` (n,), under which it was worn
-    last; `before`, what the formula remembers. None of both where a run begins.
-    """
+    """A scar (n,) on a grid where a stretch of wear has ended, which goes on from there. `drive`,
+    line load (N/mm) and friction at the end; `pressure_mpa` (n,), under which it was worn last;
+    `before`, what the formula remembers. None of both where a run begins."""
 
     depth_mm: Floats
     drive: tuple[float, float]
@@ -279,9 +273,7 @@ class GrowingScar:
         tolerance: float,
     ) -> GrowingScar:  # fmt: skip
         """The scar after a dose more, over which load and friction go to another drive, linearly.
-
-        Steps are chosen as in `wear_history`. PhysicsError where a contact does not converge.
-        """
+        Steps are chosen as in `wear_history`. PhysicsError where a contact does not converge."""
         past, depth, worn_under = self.before, self.depth_mm, self.pressure_mpa
         pressure = _settled(site.surface, site.gap_mm + depth, self.drive, worn_under).pressure
         if past is not None and worn_under is not None:  # a corrected drive is no jump to follow
@@ -338,11 +330,9 @@ def worn_states(
     *,
     path: SlidingHistory | None = None,
 ) -> Iterator[SurfaceState]:
-    """States at rising doses: a cylinder's on a mesh of its own as far as it goes, else here.
-
-    How far is decided on `path`, the course as sampled at PATH_TOLERANCE. PhysicsError where a
-    contact does not converge.
-    """
+    """States at rising doses: a cylinder's on a mesh of its own as far as it goes, else here. How
+    far is decided on `path`, the course as sampled at PATH_TOLERANCE. PhysicsError where a contact
+    does not converge."""
     tolerance = site.scene.numerics.tolerance
     modulus, _ = elastic_constants(site.scene)
     nothing = _UNWORN * site.grid.spacing_mm / modulus
@@ -384,11 +374,9 @@ def _scars(
     site: ContactSetup, history: SlidingHistory, stops: list[OutputState], tolerance: float, *,
     path: SlidingHistory | None = None,
 ) -> Iterator[Scar]:  # fmt: skip
-    """What the moving mesh holds of the stops: nothing but under a cylinder.
-
-    How far that is must not depend on the tolerance, nor on how finely it samples the course: the
-    `path` decides it. Without one it is all of them.
-    """
+    """What the moving mesh holds of the stops: nothing but under a cylinder. How far that is must
+    not depend on the tolerance, nor on how finely it samples the course: the `path` decides it.
+    Without one it is all of them."""
     indenter = site.scene.pressed_body
     if indenter.shape != "cylinder" or indenter.profile is not None or site.scene.layer_mm_per_mpa:
         return  # the mesh's places are those of a pressure that ends as the root of the distance
@@ -418,11 +406,9 @@ def _scars(
 
 
 def _sharp_depth(site: ContactSetup, history: SlidingHistory, scar: Scar) -> Floats:
-    """A scar's depth (n,) on the grid, for a contact that may overrun its edge.
-
-    There the depth bends sharply. A pressure that stands on the bend feels an error of the edge's
-    place over the spacing, not over the width: the scar is run again that much more precisely.
-    """
+    """A scar's depth (n,) on the grid, for a contact that may overrun its edge. There the depth
+    bends sharply. A pressure that stands on the bend feels an error of the edge's place over the
+    spacing, not over the width: the scar is run again that much more precisely."""
     wanted = site.scene.numerics.tolerance
     tolerance = max(wanted * min(1.0, _SHARP / site.grid.nodes), min(wanted, _SHARPEST))
     while tolerance < wanted:
@@ -435,10 +421,8 @@ def _sharp_depth(site: ContactSetup, history: SlidingHistory, scar: Scar) -> Flo
 def elastic_state(
     site: ContactSetup, depth_mm: Floats, stop: OutputState, *, start: Floats | None = None
 ) -> SurfaceState:
-    """The contact on a surface of known depth (n,), under a stop's own load and friction.
-
-    `start` is a pressure near by, MPa. PhysicsError where it does not converge.
-    """
+    """The contact on a surface of known depth (n,), under a stop's own load and friction. `start`
+    is a pressure near by, MPa. PhysicsError where it does not converge."""
     contact = _settled(site.surface, site.gap_mm + depth_mm, stop.drive, start)
     return _state(site, stop, contact, depth_mm)
 
@@ -473,12 +457,10 @@ def _state(
 
 
 def scar_on_nodes(scar: Scar, x_mm: Floats) -> tuple[Floats, Floats]:
-    """Pressure (MPa) and worn depth (mm) of a scar at uniform nodes (n,), to second order in h.
-
-    p_i = (1/h) ∫ p(t) hat((t - x_i)/h) dt, the mean over a hat, keeps the load and its moment
-    wherever the edges lie between the nodes. It is the difference of the mean loads behind, F, in
-    the elements to the right and left of the node, over h; each mean is by Simpson's rule.
-    """
+    """Pressure (MPa) and worn depth (mm) of a scar at uniform nodes (n,), to second order in h. p_i
+    = (1/h) ∫ p(t) hat((t - x_i)/h) dt, the mean over a hat, keeps the load and its moment wherever
+    the edges lie between the nodes. It is the difference of the mean loads behind, F, in the
+    elements to the right and left of the node, over h; each mean is by Simpson's rule."""
     from scipy.interpolate import CubicSpline
 
     spacing = float(x_mm[1] - x_mm[0])
@@ -507,13 +489,11 @@ _PLACES = 1024
 
 
 def refuse_unfit(scene: Scene, state: SurfaceState) -> None:
-    """Refuse a state that its grid, its profile or linear elasticity does not carry.
-
-    Conditions: at least 8 nodes in contact; no contact at the end of a measured profile; mean
-    pressure P'/(n h) <= 0.12 E*; scar no deeper than 0.3 of the contact's half-width. The two last:
-    the parabola's own limit, a <= 0.3 R, where p_mean = pi E* a/(8 R); Johnson (1985), section 4.2.
-    PhysicsError says what to change.
-    """
+    """Refuse a state that its grid, its profile or linear elasticity does not carry. Conditions: at
+    least 8 nodes in contact; no contact at the end of a measured profile; mean pressure P'/(n h) <=
+    0.12 E*; scar no deeper than 0.3 of the contact's half-width. The two last: the parabola's own
+    limit, a <= 0.3 R, where p_mean = pi E* a/(8 R); Johnson (1985), section 4.2. PhysicsError says
+    what to change."""
     name, h, inside = scene.name, state.grid.spacing_mm, state.pressure_mpa > 0.0
     count, fewest = int(np.count_nonzero(inside)), FEWEST_NODES
     if count < fewest:
@@ -543,11 +523,9 @@ def refuse_unfit(scene: Scene, state: SurfaceState) -> None:
 
 
 def touches_outside(scene: Scene, state: SurfaceState) -> bool:
-    """Whether a measured profile meets the specimen beyond the grid, where no node would know.
-
-    gap + u < d at the profile's rows and at places between them, with u of `displacement` carried
-    on beyond the grid, where a hat of pressure is a line force.
-    """
+    """Whether a measured profile meets the specimen beyond the grid, where no node would know. gap
+    + u < d at the profile's rows and at places between them, with u of `displacement` carried on
+    beyond the grid, where a hat of pressure is a line force."""
     if scene.profile_file is None:
         return False
     rows, _ = read_profile(scene.path(scene.profile_file))
@@ -587,26 +565,21 @@ def contact_states(scene: Scene) -> list[SurfaceState]:
 
 
 def iter_contact_states(scene: Scene) -> Iterator[SurfaceState]:
-    """Solve the contact at every state of a scene, each handed out as soon as it is known.
-
-    A static state first if the scene asks for it, then those of `wear.distances_m` in its order;
-    without wear one, sliding if there is friction. States wait only for others named before them. A
-    contact that outgrows its grid is solved again on a wider one. PhysicsError where it does not
-    converge, reaches the grid's edge, or as `refuse_unfit` says.
-    """
+    """Solve the contact at every state of a scene, each handed out as soon as it is known. A static
+    state first if the scene asks for it, then those of `wear.distances_m` in its order; without
+    wear one, sliding if there is friction. States wait only for others named before them. A contact
+    that outgrows its grid is solved again on a wider one. PhysicsError where it does not converge,
+    reaches the grid's edge, or as `refuse_unfit` says."""
     history, stops = wear_course(scene)
-    loads = history.line_load_n_per_mm
-    given = 0
+    loads, dose = history.line_load_n_per_mm, float(history.dose_mm_per_mpa[-1])
+    ends, given = (float(loads.min()), float(loads.max())), 0
     for attempt in range(_TRIES):
         grid = contact_grid(
-            scene,
-            largest_dose_mm_per_mpa=float(history.dose_mm_per_mpa[-1]),
-            line_loads_n_per_mm=(float(loads.min()), float(loads.max())),
-            growth=1.5**attempt,
+            scene, largest_dose_mm_per_mpa=dose, line_loads_n_per_mm=ends, growth=1.5**attempt
         )
         for state in islice(_states_on(scene, grid, history, stops), given, None):
-            ends = state.pressure_mpa[[0, -1]], state.wear_depth_mm[[0, -1]]
-            if np.any(ends) or touches_outside(scene, state):
+            outermost = state.pressure_mpa[[0, -1]], state.wear_depth_mm[[0, -1]]
+            if np.any(outermost) or touches_outside(scene, state):
                 break
             refuse_unfit(scene, state)
             given += 1

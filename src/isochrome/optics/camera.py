@@ -28,9 +28,7 @@ infrared filter, and of no sensor in particular. Who wants colours to compare me
 @dataclass(frozen=True)
 class Response:
     """Response of each channel of a camera over wavelength: linear in its table, zero beyond.
-
-    Without a table: generic Gaussians for three channels, and an equal response for one.
-    """
+    Without a table: generic Gaussians for three channels, and an equal response for one."""
 
     names: tuple[str, ...]
     wavelength_nm: Array | None = None  # (m,), rising
@@ -39,9 +37,8 @@ class Response:
     def at(self, wavelength_nm: Array) -> Array:
         """Response (channels, n) at wavelengths (n,), nm."""
         if self.wavelength_nm is not None and self.value is not None:
-            table = [
-                np.interp(wavelength_nm, self.wavelength_nm, v, left=0, right=0) for v in self.value
-            ]
+            known = self.wavelength_nm
+            table = [np.interp(wavelength_nm, known, v, left=0, right=0) for v in self.value]
             return np.array(table)
         if len(self.names) == 1:
             return np.ones((1, len(wavelength_nm)))
@@ -50,10 +47,8 @@ class Response:
 
 
 def camera_response(camera: Camera, path: Path | None = None) -> Response:
-    """Response of a camera's three channels, or one, by its CSV file; None: the generic one.
-
-    The file has wavelength_nm and a column for each channel; InputError names it and the fix.
-    """
+    """Response of a camera's three channels, or one, by its CSV file; None: the generic one. The
+    file has wavelength_nm and a column for each channel; InputError names it and the fix."""
     names = COLOURS if camera.colour else GREY
     if path is None:
         return Response(names)
@@ -74,12 +69,10 @@ def expose(
     signal: Array, camera: Camera, *, rng: np.random.Generator | None = None
 ) -> NDArray[np.generic]:
     """The grey levels that the camera stores of a signal (rows, cols[, channels]), 1 = full light.
-
     Equation: L = background + brightness (1 - vignette r²) signal, with r the distance from the
     middle over half the diagonal; blurred; with shot noise of L full_well electrons; stored as
     L^(1/gamma) full scale plus read noise, rounded and clipped to the bit depth (float32 without
-    one). Noise is independent in every pixel and channel, seeded with camera.seed without `rng`.
-    """
+    one). Noise is independent in every pixel and channel, seeded with camera.seed without `rng`."""
     rng = np.random.default_rng(camera.seed) if rng is None else rng
     light = signal
     if camera.vignette != 0.0:
@@ -127,11 +120,9 @@ _LEAST_WEIGHT = 1e-6
 
 def blurred(image: Array, sigma_px: float) -> Array:
     """An image (rows, cols) or (rows, cols, channels) through a Gaussian blur; its rim goes on.
-
     What a wave of w radians a pixel keeps is exp(-s² w²/2), as of a Gaussian of standard deviation
     s before the pixels take their samples: the Gaussian's own values at the pixels are that of a
-    narrower blur below a pixel, and of none at all below a fifth.
-    """
+    narrower blur below a pixel, and of none at all below a fifth."""
     if sigma_px == 0.0:
         return image
     import cv2
@@ -143,12 +134,10 @@ def blurred(image: Array, sigma_px: float) -> Array:
 
 @lru_cache(maxsize=8)
 def _blur_kernel(sigma_px: float) -> Array:
-    """Weights (2 r + 1,) at whole pixels, whose sum is 1 and whose variance is s².
-
-    From what each wave keeps, with w² = 2 Σ (2 c)^n / (n² C(2 n, n)) in c = 1 - cos w, whose
-    first terms make a short kernel. Source: Gradshteyn & Ryzhik (2007), Table of Integrals, Series,
-    and Products, 1.645.2.
-    """
+    """Weights (2 r + 1,) at whole pixels, whose sum is 1 and whose variance is s². From what each
+    wave keeps, with w² = 2 Σ (2 c)^n / (n² C(2 n, n)) in c = 1 - cos w, whose first terms make a
+    short kernel. Source: Gradshteyn & Ryzhik (2007), Table of Integrals, Series, and Products,
+    1.645.2."""
     size = 1 << int(np.ceil(np.log2(16.0 * sigma_px + 64.0)))
     bend = 1.0 - np.cos(2.0 * np.pi * np.arange(size // 2 + 1) / size)
     square = sum(2.0 * (2.0 * bend) ** n / (n**2 * comb(2 * n, n)) for n in range(1, _TERMS + 1))

@@ -32,11 +32,9 @@ from isochrome.stress import ROWS_AT_ONCE, StressDifference
 def fringe_order(
     difference_mpa: StressDifference, *, thickness_mm: float, fringe_value_n_per_mm: float
 ) -> NDArray[np.floating]:
-    """Fringe order N (rows, cols) of the stress difference (sigma_x - sigma_z) + 2i tau_xz, MPa.
-
-    N = (sigma_1 - sigma_2) d / f_sigma, f_sigma in N/mm per fringe; the retardation is 2 pi N.
-    Source: Dally & Riley (1991), Experimental Stress Analysis, section 12.2.
-    """
+    """Fringe order N (rows, cols) of the stress difference (sigma_x - sigma_z) + 2i tau_xz, MPa. N
+    = (sigma_1 - sigma_2) d / f_sigma, f_sigma in N/mm per fringe; the retardation is 2 pi N.
+    Source: Dally & Riley (1991), Experimental Stress Analysis, section 12.2."""
     order = np.asarray(np.abs(difference_mpa))
     order *= thickness_mm / fringe_value_n_per_mm
     return order
@@ -66,13 +64,11 @@ class Chain:
 def make_chain(
     polariscope: Polariscope, step: int | None = None, *, wavelength_nm: float | None = None
 ) -> Chain:
-    """The amplitudes of a scene's polariscope at one wavelength, by default the scene's one.
-
-    The elements' errors are added to their angles. Plates are quarter-wave at `plate_wavelength_nm`
-    (at every wavelength when absent), their retardance (π/2) plate_wavelength/wavelength: the
+    """The amplitudes of a scene's polariscope at one wavelength, by default the scene's one. The
+    elements' errors are added to their angles. Plates are quarter-wave at `plate_wavelength_nm` (at
+    every wavelength when absent), their retardance (π/2) plate_wavelength/wavelength: the
     dispersion of the birefringence is left out. The plane field is crossed, its polariser at
-    `axis_deg`. `step`: which phase step. InputError where several wavelengths leave it open.
-    """
+    `axis_deg`. `step`: which phase step. InputError where several wavelengths leave it open."""
     if wavelength_nm is None:
         if polariscope.several_wavelengths:
             raise InputError("polariscope_light_has_several")
@@ -96,22 +92,16 @@ def make_chain(
     if first is not None and second is not None:
         light = retarder(0.5 * math.pi * ratio, first) @ light
         output = output @ retarder(0.5 * math.pi * ratio, second)
-    return Chain(
-        complex(output @ light),
-        complex(output[0] * light[0] - output[1] * light[1]),
-        complex(output[0] * light[1] + output[1] * light[0]),
-        band=band,
-    )
+    alpha, beta = complex(output @ light), complex(output[0] * light[0] - output[1] * light[1])
+    return Chain(alpha, beta, complex(output[0] * light[1] + output[1] * light[0]), band=band)
 
 
 def band_pass(order: Array, width: float) -> tuple[Array, Array]:
-    """What a band of wavelengths takes from the fringes' contrast, V, and how it moves them, φ.
-
-    The mean of exp(i a/(1+x)), a = 2 pi N, over Gaussian x of standard deviation s = `width`, with
+    """What a band of wavelengths takes from the fringes' contrast, V, and how it moves them, φ. The
+    mean of exp(i a/(1+x)), a = 2 pi N, over Gaussian x of standard deviation s = `width`, with
     1/(1+x) = 1 - x + x², q = 2 a s², is exp(i a) V exp(i φ): V = (1+q²)^(-1/4) exp(-a² s²/(2 +
     2q²)), φ = atan(q)/2 - a³ s⁴/(1+q²), rad. What is left out moves a fringe by a s³ of a turn at
-    most.
-    """
+    most."""
     phase = np.asarray(2.0 * np.pi * order)
     bent = 2.0 * width**2 * phase
     below = 1.0 + bent**2
@@ -148,9 +138,7 @@ def retarder(retardance_rad: float, fast_axis_deg: float) -> NDArray[np.complex1
 @dataclass(frozen=True)
 class FringeWave:
     """A signal about an order N: mean + cosine cos t + sine sin t, t = `turns` + 2 pi d, at N + d.
-
-    `turns`, rad; `sine` None: none.
-    """
+    `turns`, rad; `sine` None: none."""
 
     mean: Array | float
     cosine: Array | float
@@ -205,13 +193,11 @@ def polariscope_wave(
 def polariscope_signal(
     order: Array, chain: Chain, *, direction: Array | None = None, visibility: Array | float = 1.0
 ) -> Array:
-    """The light behind the analyser, 1 for the full light of the ideal bright field.
-
-    |α|² cos²(δ/2) + |w|² sin²(δ/2) - Im(α w*) sin δ with δ = 2 pi N, where the pixel's area scales
-    cos δ and sin δ by its visibility; ideal dark field: sin²(pi N). `direction` θ of sigma_1 (rad)
-    is needed where the chain is not ideal (ValueError). Precise to 1e-14 in float64; in float32 to
-    2e-7 and what the order carries: whole fringes are taken off first, which loses no digit.
-    """
+    """The light behind the analyser, 1 for the full light of the ideal bright field. |α|² cos²(δ/2)
+    + |w|² sin²(δ/2) - Im(α w*) sin δ with δ = 2 pi N, where the pixel's area scales cos δ and sin δ
+    by its visibility; ideal dark field: sin²(pi N). `direction` θ of sigma_1 (rad) is needed where
+    the chain is not ideal (ValueError). Precise to 1e-14 in float64; in float32 to 2e-7 and what
+    the order carries: whole fringes are taken off first, which loses no digit."""
     return polariscope_wave(order, chain, direction=direction, visibility=visibility).light
 
 
@@ -233,12 +219,10 @@ class Light:
 
 
 def make_light(polariscope: Polariscope, response: Response, *, highest_order: float) -> Light:
-    """The wavelengths of a scene's light and their weights in each channel of the camera.
-
-    A spectrum is integrated between its own and the response's samples, by Gauss-Legendre with six
+    """The wavelengths of a scene's light and their weights in each channel of the camera. A
+    spectrum is integrated between its own and the response's samples, by Gauss-Legendre with six
     nodes for every half turn of the retardation, at the highest order in the picture, and every 25
-    nm: 1e-9. InputError where a channel sees nothing of it, or the wavelength is missing.
-    """
+    nm: 1e-9. InputError where a channel sees nothing of it, or the wavelength is missing."""
     wavelength = polariscope.wavelength_nm
     if polariscope.lines is not None:
         places, power = np.array(polariscope.lines.wavelength_nm), np.array(polariscope.lines.power)
@@ -285,11 +269,9 @@ _TINY = 1e-15
 
 def pixel_visibility(order: Array) -> tuple[Array, float]:
     """Contrast V, in 0..1, that square pixels leave of the fringes, and the share too fine to see.
-
     The mean of cos 2 pi N over a pixel in which N has the gradient g (fringes a pixel) is sinc(g_x)
     sinc(g_y) cos 2 pi N, sinc(x) = sin(pi x)/(pi x), taken as 0 where negative. The share: of
-    pixels with fringes (N > 1/2), those with one finer than two pixels. NaN: no specimen.
-    """
+    pixels with fringes (N > 1/2), those with one finer than two pixels. NaN: no specimen."""
     visibility, fine = np.empty_like(order), 0
     for start in range(0, len(order), ROWS_AT_ONCE):
         here = slice(start, start + ROWS_AT_ONCE)
@@ -313,12 +295,10 @@ def slope_visibility(rows: Array, cols: Array, *, out: Array | None = None) -> A
 
 def mean_order(order: Array, *, stride: float = 1.0, blur_px2: float = 0.0) -> Array:
     """The order M (rows, cols) that square pixels show of N in their middles, NaN off the specimen.
-
     Over a pixel of side 1 the mean of exp(2 pi i N) is V exp(2 pi i M), M = N + (d²N/dx² +
     d²N/dz²)/24, to second order in the pixel's size; V, see `pixel_visibility`. Beside an edge N
     has the bend of the next pixel, or none. `stride`: pixels from one entry to the next; a blur of
-    variance `blur_px2` adds half of that times the same bend.
-    """
+    variance `blur_px2` adds half of that times the same bend."""
     bend = _bend(order, 0)
     bend += _bend(order, 1)
     bend *= (1.0 / 24.0 + 0.5 * blur_px2) / stride**2
@@ -411,13 +391,11 @@ def spectral_signal(
     order: Array, light: Light, chains: Sequence[Chain], *, reference_nm: float,
     direction: Array | None = None, visibility: Array | float = 1.0,
 ) -> Array:  # fmt: skip
-    """The light behind the analyser (rows, cols, channels), 1 for the channel's full light.
-
-    I_c = Σ_s w_cs I(k_s N, θ, V^(k_s²)), k_s = reference/wavelength, as the order goes, and nearly
-    the visibility, sinc(k g), as its power k². Lines are summed; a spectrum's sum is a table over
-    N, interpolated by cubics, with V^(k²) linear in k² about the channel's mean. N and V are those
-    at the reference; θ (rad) is needed where a chain, one a wavelength, is not ideal.
-    """
+    """The light behind the analyser (rows, cols, channels), 1 for the channel's full light. I_c =
+    Σ_s w_cs I(k_s N, θ, V^(k_s²)), k_s = reference/wavelength, as the order goes, and nearly the
+    visibility, sinc(k g), as its power k². Lines are summed; a spectrum's sum is a table over N,
+    interpolated by cubics, with V^(k²) linear in k² about the channel's mean. N and V are those at
+    the reference; θ (rad) is needed where a chain, one a wavelength, is not ideal."""
     ratio = reference_nm / light.wavelength_nm
     if not light.continuous:
         total = np.zeros((*order.shape, len(light.weights)))
@@ -458,9 +436,8 @@ def _over(angles: Sequence[Array], amplitudes: Array) -> Array:
 
 def _harmonics(chains: Sequence[Chain]) -> tuple[Array, Array, Array]:
     """The signal's amplitudes (s, 5) over 1, cos 4θ, sin 4θ, cos 2θ, sin 2θ, by 1, cos δ, sin δ.
-
-    From I = (|α|² + |w|²)/2 + (|α|² - |w|²)/2 cos δ - Im(α w*) sin δ with w = β cos 2θ + γ sin 2θ.
-    """
+    From I = (|α|² + |w|²)/2 + (|α|² - |w|²)/2 cos δ - Im(α w*) sin δ with w = β cos 2θ + γ sin
+    2θ."""
     a, b, c = (np.array([getattr(x, n) for x in chains]) for n in ("alpha", "beta", "gamma"))
     straight, none = 0.5 * np.abs(a) ** 2, np.zeros(len(chains))
     mean, difference = (0.25 * (np.abs(b) ** 2 + sign * np.abs(c) ** 2) for sign in (1.0, -1.0))
@@ -475,9 +452,7 @@ def _wave_table(
     highest: float, ratio: Array, cosine: Array, sine: Array
 ) -> Callable[[Array], Array]:
     """Σ_s (cosine_s cos 2 pi k_s N + sine_s sin 2 pi k_s N) as cubics in N with exact slopes.
-
-    Within a block of orders the waves are those of the first block, turned: one product a block.
-    """
+    Within a block of orders the waves are those of the first block, turned: one product a block."""
     from scipy.interpolate import CubicHermiteSpline
 
     blocks = int(highest / (_STEP * ROWS_AT_ONCE)) + 1

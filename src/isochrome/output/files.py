@@ -42,9 +42,8 @@ def output_folder(path: str | Path) -> Path:
     except FileExistsError as error:
         raise InputError("file_not_folder_name", folder=folder) from error
     except OSError as error:
-        raise InputError(
-            "results_cannot_written_there", folder=folder, strerror=error.strerror
-        ) from error
+        why = error.strerror
+        raise InputError("results_cannot_written_there", folder=folder, strerror=why) from error
     return folder
 
 
@@ -106,9 +105,8 @@ def _writing(place: Path) -> Iterator[None]:
     except OSError as error:
         if error.errno not in FULL:
             raise
-        raise InputError(
-            "cannot_written_make_room", place=place, strerror=error.strerror
-        ) from error
+        why = error.strerror
+        raise InputError("cannot_written_make_room", place=place, strerror=why) from error
 
 
 @contextmanager
@@ -121,9 +119,8 @@ def replacing(path: str | Path) -> Iterator[Path]:
             raise IsADirectoryError(21, message("folder"))
         beside.touch(exist_ok=False)
     except OSError as error:
-        raise InputError(
-            "cannot_written_make_folder", file=target, strerror=error.strerror
-        ) from error
+        why = error.strerror
+        raise InputError("cannot_written_make_folder", file=target, strerror=why) from error
     try:
         with _writing(target):
             yield beside
@@ -216,18 +213,13 @@ def read_given_text(path: Path, what: str, *, fallback: str | None = None) -> st
 
 def numbered_lines(text: str) -> list[tuple[int, str]]:
     """Number the lines of a table from 1, without empty ones and those that begin with #."""
-    return [
-        (number, line)
-        for number, line in enumerate(text.splitlines(), start=1)
-        if line.strip() and not line.lstrip().startswith(_COMMENT)
-    ]
+    lines = enumerate(text.splitlines(), start=1)
+    return [(number, line) for number, line in lines if line.lstrip()[:1] not in ("", _COMMENT)]
 
 
 def read_given_table(path: Path, what: str) -> GivenTable:
-    """Read a table of numbers: UTF-8 text with one header line of names, then a line a row.
-
-    Columns are parted by semicolons, tabs, commas or spaces; commas that part none are decimal.
-    """
+    """Read a table of numbers: UTF-8 text with one header line of names, then a line a row. Columns
+    are parted by semicolons, tabs, commas or spaces; commas that part none are decimal."""
     lines = numbered_lines(read_given_text(path, what))
     if not lines:
         raise InputError("empty_table_give_one", path=path)

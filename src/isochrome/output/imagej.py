@@ -1,7 +1,5 @@
-"""What ImageJ reads and writes: TIFF stacks with their scale, regions of interest.
-
-ImageJ's habits stay here: (x, y), areas from the corners of pixels, lines from their centres.
-"""
+"""What ImageJ reads and writes: TIFF stacks with their scale, regions of interest. ImageJ's habits
+stay here: (x, y), areas from the corners of pixels, lines from their centres."""
 
 from __future__ import annotations
 
@@ -58,9 +56,8 @@ def write_tiff(
         wanted = "(row, col, 3)" if colours else "(row, col)"
         raise InputError("frame_not_reshape", path=path, wanted=wanted, shape=shape)
     if data.dtype.name not in DTYPES:
-        raise InputError(
-            "frames_type_cannot_written", path=path, dtype=data.dtype, dtypes=" or ".join(DTYPES)
-        )
+        dtypes = " or ".join(DTYPES)
+        raise InputError("frames_type_cannot_written", path=path, dtype=data.dtype, dtypes=dtypes)
     write_frames(
         path, data, data.shape, data.dtype, pixel_mm=pixel_mm, photometric=photometric,
         metadata=metadata,
@@ -78,9 +75,8 @@ def write_frames(
     metadata: Mapping[str, Any] | None = None,
 ) -> None:
     """Write a stack as `write_tiff` does, from frames that come one at a time; `shape`, of all.
-
-    Beyond 4 GB, and in colour of more than 8 bits, a TIFF whose scale is in pixels per centimetre.
-    """
+    Beyond 4 GB, and in colour of more than 8 bits, a TIFF whose scale is in pixels per
+    centimetre."""
     import tifffile
 
     order = dtype.newbyteorder("<")  # tifffile takes an iterator's frames as they are
@@ -101,9 +97,10 @@ def write_frames(
             colours = (257 * view["LUTs"][0].astype(np.uint16)).ravel().tolist()
             keys["extratags"] = [(_COLOUR_MAP, _SHORT, len(colours), tuple(colours), True)]
     if pixel_mm is not None:
-        per_unit = 1 / pixel_mm if imagej else 10 / pixel_mm
-        keys |= {"resolution": (per_unit, per_unit)}
-        keys |= {} if imagej else {"resolutionunit": "CENTIMETER"}
+        per_unit, more = 10 / pixel_mm, {"resolutionunit": "CENTIMETER"}
+        if imagej:
+            per_unit, more = 1 / pixel_mm, {}
+        keys |= {"resolution": (per_unit, per_unit), **more}
     large = size >= IMAGEJ_LIMIT
     with (
         replacing(path) as beside,
@@ -126,11 +123,9 @@ def imagej_view(
     top_mm: float | None = None,
     times_s: npt.ArrayLike | None = None,
 ) -> dict[str, Any]:
-    """What ImageJ is to know of a stack besides its scale, by its own names for it.
-
-    An order's colours go from nought, a stress's to the same value on either side; others have
-    their own `span`. `labels` stand above the slices, `left_mm` and `top_mm` are outer edges.
-    """
+    """What ImageJ is to know of a stack besides its scale, by its own names for it. An order's
+    colours go from nought, a stress's to the same value on either side; others have their own
+    `span`. `labels` stand above the slices, `left_mm` and `top_mm` are outer edges."""
     from matplotlib import colormaps
 
     colours = next((colours for start, colours in _MAPS.items() if name.startswith(start)), "gray")
@@ -179,10 +174,8 @@ AREAS = ("POLYGON", "RECT", "OVAL", "FREEHAND", "TRACED")
 
 
 def roi_entries(lines: Iterable[Any], frame: int) -> list[tuple[str, bytes]]:
-    """ImageJ polylines of a frame's fringe lines, the files in a .zip for its ROI manager.
-
-    Named 'frame 3: N = 1.5 bright', '#2' on for the next, or 'frame 3: line 7 dark'.
-    """
+    """ImageJ polylines of a frame's fringe lines, the files in a .zip for its ROI manager. Named
+    'frame 3: N = 1.5 bright', '#2' on for the next, or 'frame 3: line 7 dark'."""
     roifile = load_roifile()
     entries, counts = [], Counter[str]()
     for number, line in enumerate(lines):

@@ -126,10 +126,8 @@ class Result:
         columns = self.columns
         count = max((len(values) for values in columns.values()), default=0)
         head = pandas.DataFrame({name: values[:_HEAD] for name, values in columns.items()})
-        rows = "".join(
-            f"<tr><td>{html.escape(name)}</td><td>{html.escape(value)}</td></tr>"
-            for name, value in self._report()
-        )
+        cells = (map(html.escape, row) for row in self._report())
+        rows = "".join(f"<tr><td>{name}</td><td>{value}</td></tr>" for name, value in cells)
         basis = [self.uncertainty_basis] if self.uncertainty_basis else []
         more = [f"{count} rows, see .table"] if count > _HEAD else []
         return "".join((
@@ -305,10 +303,8 @@ _NUMBER = re.compile(
 
 
 def messages_of_frames(messages: Iterable[tuple[int, str]], *, single: bool = False) -> list[str]:
-    """Say what is to be said of frames, each cause once, with the frames that it is of.
-
-    Sentences that differ in their numbers alone have one cause, and their numbers become spans.
-    """
+    """Say what is to be said of frames, each cause once, with the frames that it is of. Sentences
+    that differ in their numbers alone have one cause, and their numbers become spans."""
     if single:
         return list(dict.fromkeys(text for _, text in messages))
     causes: dict[str, list[tuple[int, str]]] = {}
@@ -548,10 +544,8 @@ def sentence_of_orders(table: Mapping[str, Sequence[Any]]) -> str:
             f"{head}{lines} fringe lines, and no order: no point of known order is given "
             "(`isochrome guide without-model`)"
         )
-    shares, highest, spreads = (
-        [value for value in numbers(table[name]).tolist() if value == value]
-        for name in ("kept_share", "n_max", "order_uncertainty")
-    )
+    columns = (numbers(table[name]) for name in ("kept_share", "n_max", "order_uncertainty"))
+    shares, highest, spreads = ([v for v in values.tolist() if v == v] for values in columns)
     if not highest:
         return f"{head}no order could be read"
     largest = max(highest)

@@ -1,7 +1,5 @@
-"""Long runs: chunk by chunk, kept as they go, by one process or many; results in one store.
-
-Heavy libraries are imported inside the functions that need them.
-"""
+"""Long runs: chunk by chunk, kept as they go, by one process or many; results in one store. Heavy
+libraries are imported inside the functions that need them."""
 
 import lazy_loader
 

@@ -1,8 +1,6 @@
 """A long run: chunk after chunk, each kept when it is done; after a crash, it resumes there.
-
 DIR.partial holds the manifest (what the run is a result of), and, in a folder of its own, the files
-that become DIR, with the records of finished chunks. One run works on an output at a time.
-"""
+that become DIR, with the records of finished chunks. One run works on an output at a time."""
 
 from __future__ import annotations
 
@@ -229,9 +227,8 @@ def check_room(root: Path, layout: RunLayout, items: int) -> None:
     needed += (items + layout.count) * layout.part_bytes  # as parts, and put together
     free = shutil.disk_usage(root).free
     if needed > free:
-        raise InputError(
-            "results_need_gb_gb", out=root.with_suffix(""), needed=needed / 1e9, free=free / 1e9
-        )
+        out = root.with_suffix("")
+        raise InputError("results_need_gb_gb", out=out, needed=needed / 1e9, free=free / 1e9)
 
 
 def is_finished(run: RunFolder) -> bool:
@@ -300,10 +297,8 @@ def _record(target: Path) -> dict[str, Any]:
 
 
 def _clear_old(results: Path, target: Path) -> None:
-    """Take from a folder what an older run says of it, and its files that have no successor.
-
-    What is left of the record names all that runs have made there, should this one be killed here.
-    """
+    """Take from a folder what an older run says of it, and its files that have no successor. What
+    is left of the record names all that runs have made there, should this one be killed here."""
     record = _record(target)
     names = sorted({*record["outputs"], *(entry.name for entry in results.iterdir())})
     placing = {"placing": results.name, "outputs": dict.fromkeys(names, 0)}
@@ -345,12 +340,9 @@ class Stopped(KeyboardInterrupt):
 
 @dataclass(frozen=True)
 class RunOptions:
-    """By whom and how a run is computed; none of it changes a result.
-
-    `workers`, processes on this machine (None: as many as are worth it); `cluster`, a Dask
-    scheduler's address; `keep_going`: leave out items that fail; `pool`, processes that are started
-    already.
-    """
+    """By whom and how a run is computed; none of it changes a result. `workers`, processes on this
+    machine (None: as many as are worth it); `cluster`, a Dask scheduler's address; `keep_going`:
+    leave out items that fail; `pool`, processes that are started already."""
 
     workers: int | None = 1
     cluster: str | None = None
@@ -373,12 +365,9 @@ def run_job(
     options: RunOptions | None = None,
     progress: RunProgress | None = None,
 ) -> T | None:
-    """Compute a job and leave its results in a folder, all of them or none.
-
-    The same call goes on with what is kept in OUT.partial, and ends with the same bytes. Returns
-    what `finish` does, which makes the other files; None where the folder holds all results
-    already.
-    """
+    """Compute a job and leave its results in a folder, all of them or none. The same call goes on
+    with what is kept in OUT.partial, and ends with the same bytes. Returns what `finish` does,
+    which makes the other files; None where the folder holds all results already."""
     options = options or RunOptions()
     workers.keep_steady()
     root = working_folder(Path(out))
@@ -428,9 +417,8 @@ def _check_call(job: Job, options: RunOptions, stamps: Stamps, target: Path) -> 
 
 def _leave_record(run: RunFolder, job: Job, before: Stamps) -> None:
     """Write down what the results are of, and which they are: last, when all others are there.
-
-    Results of input that was changed while it was read are refused; a file that is gone was read.
-    """
+    Results of input that was changed while it was read are refused; a file that is gone was
+    read."""
     for file, now in stamps_of(job.identity).items():
         stamp = before.get(file, now)
         if now != stamp:
@@ -473,9 +461,8 @@ def _saying(root: Path, job: Job) -> Iterator[_State]:
     except KeyboardInterrupt:
         if not state.done:
             raise Stopped(message("stopped_before_anything_finished")) from None
-        raise Stopped(
-            message("stopped_run_same_command", count_kept=count_kept(), root=root)
-        ) from None
+        words = message("stopped_run_same_command", count_kept=count_kept(), root=root)
+        raise Stopped(words) from None
     except OSError as error:
         raise InputError(
             "cannot_written_there_make", root=root, strerror=error.strerror or error,
@@ -565,11 +552,8 @@ def computed(job: Job, progress: RunProgress | None) -> Iterator[dict[str, Any]]
 
 
 def one_by_one(job: Job, run: RunFolder | None) -> Work:
-    """A job's work on a chunk, whatever it needs of the chunk before.
-
-    What a chunk leaves goes through JSON in memory too, so that a run that goes on has the same
-    bits.
-    """
+    """A job's work on a chunk, whatever it needs of the chunk before. What a chunk leaves goes
+    through JSON in memory too, so that a run that goes on has the same bits."""
     if not job.in_turn:
         return cast(Work, job.work)
     work, last = cast(InTurn, job.work), dict[int, Any]()

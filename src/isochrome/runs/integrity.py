@@ -1,8 +1,6 @@
 """Whether results are those that were left: a record of all their files, with sizes and checksums.
-
 It is the folder's provenance.json (of a campaign its summary.json). CRC-32C (Castagnoli), that of
-zarr's crc32c codec: it finds damage, not forgery.
-"""
+zarr's crc32c codec: it finds damage, not forgery."""
 
 import json
 import os
@@ -79,10 +77,8 @@ def has_own_keys(path: Path) -> bool:
 
 
 def checksum_of(pieces: Iterable[Any]) -> int:
-    """The checksum of a file of these pieces: that of all of it, or the one at its end.
-
-    All that end with the checksum of what lies before, as a store's chunks do, would have the same.
-    """
+    """The checksum of a file of these pieces: that of all of it, or the one at its end. All that
+    end with the checksum of what lies before, as a store's chunks do, would have the same."""
     checksum, end = 0, b""
     for piece in pieces:
         data = np.frombuffer(piece, np.uint8)
@@ -184,9 +180,7 @@ class ResultsRecord:
 
     def check(self, names: Iterable[str] = ()) -> None:
         """Refuse results of which a file is gone or of another size, or `names` of another content.
-
-        Passed over: names that the record does not have, and the report, which may be made anew.
-        """
+        Passed over: names that the record does not have, and the report, which may be made anew."""
         to_read = set(names)
         for name in self.sizes:
             if name != REPORT or name in to_read:
@@ -209,9 +203,8 @@ class ResultsRecord:
 
     def _refuse(self, name: str, what: str) -> None:
         if what:
-            raise InputError(
-                "run_command_left_again", name=self.place / name, what=what, place=self.place
-            )
+            place = self.place
+            raise InputError("run_command_left_again", name=place / name, what=what, place=place)
 
 
 def seal(
@@ -222,11 +215,8 @@ def seal(
     file: str = PROVENANCE,
     names: Iterable[str] | None = None,
 ) -> None:
-    """Write down what results are of, and all their files: last, when these are there.
-
-    `known`, checksums by the path of a file; `file`, the record's; `names`, by default of all
-    files.
-    """
+    """Write down what results are of, and all their files: last, when these are there. `known`,
+    checksums by the path of a file; `file`, the record's; `names`, by default of all files."""
     if names is None:
         paths = (path for path in folder.rglob("*") if path.is_file())
         names = sorted(path.relative_to(folder).as_posix() for path in paths)
@@ -413,5 +403,4 @@ def name_damage(place: Path) -> None:
 
 def warn_unverified(place: Path) -> None:
     """Say that nobody can tell whether results are those that were left."""
-    text = message("has_no_checksums_results", place=place)
-    warnings.warn(text, UserWarning, stacklevel=3)
+    warnings.warn(message("has_no_checksums_results", place=place), UserWarning, stacklevel=3)

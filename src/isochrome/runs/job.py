@@ -45,11 +45,8 @@ def environment() -> dict[str, Any]:
     for name in LIBRARIES:
         with suppress(PackageNotFoundError):  # an optional one
             libraries[name] = version(name)
-    return {
-        "isochrome": isochrome.__version__,
-        "code_sha256": digest.hexdigest(),
-        "libraries": libraries,
-    }
+    ours = {"isochrome": isochrome.__version__, "code_sha256": digest.hexdigest()}
+    return ours | {"libraries": libraries}
 
 
 def run_identity(
@@ -113,12 +110,9 @@ LARGEST_CHUNK = 32
 
 @dataclass(frozen=True)
 class Compact:
-    """How maps are kept in whole `step`s of one or two bytes, compressed one by one.
-
-    Zstandard's first level, bytes shuffled: an order in noise of 3 grey levels takes 1.2 bytes a
-    pixel and 1.4 ms a frame; higher levels 4 to 500 ms for 3 to 13 % less. `pages`: every item has
-    a page.
-    """
+    """How maps are kept in whole `step`s of one or two bytes, compressed one by one. Zstandard's
+    first level, bytes shuffled: an order in noise of 3 grey levels takes 1.2 bytes a pixel and 1.4
+    ms a frame; higher levels 4 to 500 ms for 3 to 13 % less. `pages`: every item has a page."""
 
     step: float
     bits: int
@@ -145,11 +139,8 @@ class Compact:
 
         size = self.dtype.itemsize
         packing = BloscCodec(typesize=size, cname="zstd", clevel=1, shuffle="shuffle")
-        return ShardingCodec(
-            chunk_shape=(1, *shape),
-            codecs=[BytesCodec(), packing, Crc32cCodec()],
-            index_codecs=[BytesCodec(), Crc32cCodec()],
-        )
+        maps: list[Any] = [BytesCodec(), packing, Crc32cCodec()]
+        return ShardingCodec(chunk_shape=(1, *shape), codecs=maps, index_codecs=maps[::2])
 
     def pack(self, values: NDArray[Any]) -> bytes:
         """A map (rows, cols) as it is stored; what is larger than `largest` is not known."""
@@ -169,10 +160,8 @@ class Compact:
 
 @dataclass(frozen=True)
 class Layer:
-    """A picture for each item, float32, NaN = not known; `units`, '1' for none.
-
-    `stack`, whether it is left as a TIFF stack too; `compact`, how the store has it for every item.
-    """
+    """A picture for each item, float32, NaN = not known; `units`, '1' for none. `stack`, whether it
+    is left as a TIFF stack too; `compact`, how the store has it for every item."""
 
     name: str
     units: str
@@ -183,11 +172,9 @@ class Layer:
 
 @dataclass(frozen=True, kw_only=True)
 class RunLayout:
-    """What a run leaves, by its input alone.
-
-    `chunk`, items that are computed and kept together, 1 where there are several axes; of `every`
-    so many items only the first has pictures, on an axis of their own, and `chunk` is a multiple.
-    """
+    """What a run leaves, by its input alone. `chunk`, items that are computed and kept together, 1
+    where there are several axes; of `every` so many items only the first has pictures, on an axis
+    of their own, and `chunk` is a multiple."""
 
     axes: Mapping[str, int]  # over the items: sizes by their names
     shape: Mapping[str, int] = field(default_factory=dict)  # the same of an item's picture
@@ -238,12 +225,9 @@ class RunLayout:
 
 @dataclass(frozen=True)
 class Results:
-    """What a chunk's computation gives.
-
-    `arrays`, by layer, a picture for each item that has one; of a compact layer the map of each as
-    `Compact.pack` gives it, or None. `more`, of each item its `status`: 'ok', 'flagged' or
-    'failed'.
-    """
+    """What a chunk's computation gives. `arrays`, by layer, a picture for each item that has one;
+    of a compact layer the map of each as `Compact.pack` gives it, or None. `more`, of each item its
+    `status`: 'ok', 'flagged' or 'failed'."""
 
     arrays: Mapping[str, Any]
     rows: list[dict[str, Any]]
@@ -261,10 +245,8 @@ InTurn = Callable[[int, int, Any], Results]
 
 @dataclass(frozen=True)
 class Job:
-    """A long run: what it leaves, and by `identity` what it is a result of.
-
-    `in_turn`: each chunk needs what the one before has left, and one process computes all.
-    """
+    """A long run: what it leaves, and by `identity` what it is a result of. `in_turn`: each chunk
+    needs what the one before has left, and one process computes all."""
 
     work: Work | InTurn
     layout: RunLayout
@@ -288,10 +270,8 @@ _NO_MAP = np.iinfo(np.uint64).max
 
 @dataclass(frozen=True)
 class RunFolder:
-    """Where a run's chunks are put down: picklable, so that workers may do it.
-
-    `results`, the folder that becomes the output; `digest`, see `identity_digest`.
-    """
+    """Where a run's chunks are put down: picklable, so that workers may do it. `results`, the
+    folder that becomes the output; `digest`, see `identity_digest`."""
 
     results: Path
     layout: RunLayout
@@ -336,13 +316,8 @@ def keep(run: RunFolder, index: int, results: Results) -> Counter[str]:
         put(f"{STORE}/{layer.name}/{run.layout.key(index)}", pieces)
     for name, part in results.parts.items():
         put(_part_name(name, index), [part])
-    body = {
-        "of": run.digest,
-        "files": files,
-        "rows": results.rows,
-        "more": results.more,
-        "left": results.left,
-    }
+    body: dict[str, Any] = {"of": run.digest, "files": files, "rows": results.rows}
+    body |= {"more": results.more, "left": results.left}
     integrity.write_checked(run.chunk_folder / record_name(index), body)
     return _statuses(results.more)
 

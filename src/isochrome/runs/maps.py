@@ -151,10 +151,8 @@ def _shift(one: Any, axis: str) -> Any:
 
 
 class VerifiedStore(LocalStore):
-    """A store that is read alone, and holds what is read against the record of its results.
-
-    A file of which a part is asked for is read whole: its checksum in the record is that of all.
-    """
+    """A store that is read alone, and holds what is read against the record of its results. A file
+    of which a part is asked for is read whole: its checksum in the record is that of all."""
 
     def __init__(self, root: Path, record: ResultsRecord) -> None:
         super().__init__(root, read_only=True)

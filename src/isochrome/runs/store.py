@@ -46,14 +46,12 @@ def _dataset(
 
 def _variables(columns: Mapping[str, Column]) -> dict[str, tuple[tuple[str, ...], Any, Any]]:
     """Axes, values and attributes of columns by identifiers, their own names in the attributes."""
-    return {
-        identifier(name): (
-            tuple(map(identifier, column.axes)),
-            column.values,
-            ({} if identifier(name) == name else {"long_name": name}) | dict(column.attributes),
-        )
-        for name, column in columns.items()
-    }
+    variables = {}
+    for name, column in columns.items():
+        about = {} if identifier(name) == name else {"long_name": name}
+        axes = tuple(map(identifier, column.axes))
+        variables[identifier(name)] = axes, column.values, about | dict(column.attributes)
+    return variables
 
 
 def as_run(dataset: xarray.Dataset) -> RunDataset:
@@ -110,10 +108,8 @@ _UNITS = {
 
 
 def create_store(path: Path, layout: RunLayout) -> None:
-    """Lay out the store: an array for each layer with named axes, no picture in it yet.
-
-    Chunks are plain little-endian float32 and a checksum: one is put in its place as a file.
-    """
+    """Lay out the store: an array for each layer with named axes, no picture in it yet. Chunks are
+    plain little-endian float32 and a checksum: one is put in its place as a file."""
     import zarr
     from zarr.codecs import Crc32cCodec
 
@@ -132,14 +128,9 @@ def create_store(path: Path, layout: RunLayout) -> None:
                 "dtype": compact.dtype.name, "fill_value": compact.unknown, "compressors": None,
                 "serializer": compact.shards(shape),
             }  # fmt: skip
-        group.create_array(
-            layer.name,
-            shape=(*axes.values(), *shape),
-            chunks=chunks,
-            dimension_names=tuple(map(identifier, (*axes, *layout.shape))),
-            attributes=about,
-            **form,
-        )
+        form |= {"shape": (*axes.values(), *shape), "chunks": chunks, "attributes": about}
+        names = tuple(map(identifier, (*axes, *layout.shape)))
+        group.create_array(layer.name, dimension_names=names, **form)
 
 
 def stored_arrays(folder: Path) -> dict[str, StoredArray]:
@@ -213,15 +204,10 @@ def add_columns(
     nothing = {"T": "", "f": np.nan}  # by the kind of value, else 0
     places = _variables(coordinates)
     for name, (axes, values, about) in (places | _variables(columns)).items():
-        group.create_array(
-            name,
-            data=values,
-            chunks=tuple(max(1, size) for size in values.shape),
-            fill_value=nothing.get(values.dtype.kind, 0),
-            compressors=[ZstdCodec(), Crc32cCodec()],
-            dimension_names=axes,
-            attributes=about,
-        )
+        form: dict[str, Any] = {"fill_value": nothing.get(values.dtype.kind, 0)}
+        form |= {"chunks": tuple(max(1, size) for size in values.shape), "attributes": about}
+        form |= {"dimension_names": axes, "compressors": [ZstdCodec(), Crc32cCodec()]}
+        group.create_array(name, data=values, **form)
     # an axis' own coordinate is known by its name, the others have to be named
     beside = " ".join(name for name, (axes, *_) in places.items() if axes != (name,))
     group.attrs.update({**attributes, **({"coordinates": beside} if beside else {})})
@@ -350,9 +336,8 @@ def open_store(path: str | Path) -> xarray.Dataset:
             hint = message("run_not_finished_run_same", name=place.name, working=WORKING)
         raise InputError("holds_no", place=place, missing=STORE, hint=hint)
     if store != place and integrity.read_record(place) is None:
-        raise InputError(
-            "holds_no_which_files_could", place=place, provenance=integrity.PROVENANCE, store=store
-        )
+        name = integrity.PROVENANCE
+        raise InputError("holds_no_which_files_could", place=place, provenance=name, store=store)
     return read_store(store, checked_store(store))
 
 
@@ -458,9 +443,8 @@ def export(run: str | Path, to: str, out: str | Path | None = None) -> list[Path
             raise
         except (ValueError, KeyError, TypeError, IndexError, RuntimeError) as error:
             integrity.name_damage(place)
-            raise InputError(
-                "cannot_read_run_command", store=place / STORE, reason=reason_of(error)
-            ) from error
+            store, reason = place / STORE, reason_of(error)
+            raise InputError("cannot_read_run_command", store=store, reason=reason) from error
         return [target / file.relative_to(folder) for file in files]
 
 
@@ -496,19 +480,15 @@ def _to_netcdf(dataset: xarray.Dataset, path: Path) -> Path:
             array = dataset[name]
             text = array.dtype.kind not in "iuf"
             kind = h5py.string_dtype() if text else array.dtype
-            chunks = (*(1 for _ in array.dims[:-2]), *array.shape[-2:])
-            made = file.create_variable(
-                str(name), array.dims, kind, chunks=chunks if _is_map(array) else None
-            )
+            chunks = (*(1 for _ in array.dims[:-2]), *array.shape[-2:]) if _is_map(array) else None
+            made = file.create_variable(str(name), array.dims, kind, chunks=chunks)
             for key, value in array.attrs.items():
                 made.attrs[str(key)] = value
             # a coordinate beside the axes has to be named by the variables that it belongs to
             if name not in dataset.coords:
-                made.attrs["coordinates"] = " ".join(
-                    str(c)
-                    for c in sorted(dataset.coords, key=str)
-                    if c not in dataset.sizes and set(dataset[c].dims) <= set(array.dims)
-                )
+                others = sorted(set(dataset.coords) - set(dataset.sizes), key=str)
+                named = (str(c) for c in others if set(dataset[c].dims) <= set(array.dims))
+                made.attrs["coordinates"] = " ".join(named)
             for place, values in _blocks(array):
                 made[place or ...] = values.astype(object) if text else values
     return path

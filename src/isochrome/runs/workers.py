@@ -1,8 +1,7 @@
-"""Who computes the chunks: this process, worker processes on this machine, or a Dask cluster.
-
-The GNU C library keeps what is freed between the pieces of the next chunk, so that a long run would
-take more memory than a short one: it is told to give it back. Source: mallopt(3), malloc_trim(3).
-"""
+"""Who computes the chunks: this process, worker processes on this machine, or a Dask cluster. The
+GNU C library keeps what is freed between the pieces of the next chunk, so that a long run would
+take more memory than a short one: it is told to give it back. Source: mallopt(3),
+malloc_trim(3)."""
 
 from __future__ import annotations
 
@@ -85,9 +84,7 @@ def by_processes(
 
 class WorkerPool(futures.ProcessPoolExecutor):
     """So many worker processes, spawned, deaf to the keyboard, which end when this process does.
-
-    Left by an exception, the block of the pool ends them at once, whatever they are at.
-    """
+    Left by an exception, the block of the pool ends them at once, whatever they are at."""
 
     def __init__(self, workers: int, ready: Any = None) -> None:
         """`ready`, what they import as they start, beside what is computed here until then."""
@@ -109,10 +106,8 @@ class WorkerPool(futures.ProcessPoolExecutor):
 def by_cluster(
     work: Work, run: RunFolder, chunks: Sequence[int], address: str
 ) -> Generator[Counter[str]]:
-    """Compute chunks on an existing Dask cluster; the results come here and are written here.
-
-    The workers need the input under the same paths, and the same versions of all that computes.
-    """
+    """Compute chunks on an existing Dask cluster; the results come here and are written here. The
+    workers need the input under the same paths, and the same versions of all that computes."""
     try:
         from distributed import Client
     except ImportError as error:
@@ -194,10 +189,8 @@ def _elsewhere(work: Work, layout: RunLayout, expected: dict[str, Any], index: i
 
 @contextmanager
 def single_threaded() -> Iterator[None]:
-    """Use one BLAS, OpenMP and OpenCV thread inside the block; what was set before, after it.
-
-    A sum over several threads is rounded in another order: results would differ between machines.
-    """
+    """Use one BLAS, OpenMP and OpenCV thread inside the block; what was set before, after it. A sum
+    over several threads is rounded in another order: results would differ between machines."""
     from threadpoolctl import threadpool_limits
 
     with ExitStack() as stack:

@@ -122,17 +122,14 @@ def session_state(session: SetupSession) -> dict[str, Any]:
 
 def known_on_picture(scene: Scene, top_px: int, left_px: int) -> dict[str, list[dict[str, Any]]]:
     """Known points, known lines and free edges by their keys, (row, col) of the whole picture."""
-    frames = scene.frames
+    frames, corner = scene.frames, (top_px, left_px)
     points = [
         {"row": k.row_px + top_px, "col": k.col_px + left_px, "order": k.order,
          "extremum": k.extremum}
         for k in frames.known_order
     ]  # fmt: skip
-    lines = [
-        {"points": moved(line.places, top_px, left_px), "order": line.order}
-        for line in frames.known_line
-    ]
-    edges = [{"points": moved(one.places, top_px, left_px)} for one in frames.free_boundary]
+    lines = [{"points": moved(k.places, *corner), "order": k.order} for k in frames.known_line]
+    edges = [{"points": moved(k.places, *corner)} for k in frames.free_boundary]
     return {"known_order": points, "known_line": lines, "free_boundary": edges}
 
 
@@ -154,9 +151,7 @@ _OF_A_MODEL = ("indenter", "contact", "friction", "wear", "scar", "load", "frame
 
 def new_scene_text(kind: str, values: Mapping[str, Any], no_load: Mapping[str, str]) -> str:
     """A scene or set as commented TOML from the page's form, values and no-load files by keys.
-
-    InputError names all that such a scene needs.
-    """
+    InputError names all that such a scene needs."""
     kinds = KINDS | SET_KINDS
     if kind not in kinds:
         raise InputError("what_stands_front_camera", kind=kind, kinds=", ".join(kinds))
@@ -165,10 +160,8 @@ def new_scene_text(kind: str, values: Mapping[str, Any], no_load: Mapping[str, s
     given = {field.key: value for field in fields if (value := values.get(field.key))}
     missing = [field.label for field in fields if field.needed and field.key not in given]
     if missing:
-        what = ("scene", "set")[kind in SET_KINDS]
-        raise InputError(
-            "fill_needs_them", missing=", ".join(missing), what=what, kinds=kinds[kind]
-        )
+        names, what = ", ".join(missing), ("scene", "set")[kind in SET_KINDS]
+        raise InputError("fill_needs_them", missing=names, what=what, kinds=kinds[kind])
     if "wear.distances_m" not in given:
         given.pop("wear.coefficient_mm2_per_n", None)
     elif "friction.coefficient" not in given:
@@ -429,10 +422,8 @@ TOOLS: Mapping[str, Callable[[SetupSession, Request], None]] = {
 
 
 def apply_tool(session: SetupSession, request: Request) -> dict[str, Any]:
-    """Do what a tool of TOOLS is asked for; gives the `session_state` that it leaves.
-
-    Points are (row, col) of the whole picture. InputError: the scene is as it was.
-    """
+    """Do what a tool of TOOLS is asked for; gives the `session_state` that it leaves. Points are
+    (row, col) of the whole picture. InputError: the scene is as it was."""
     tool = TOOLS.get(str(request.get("tool")))
     if tool is None:
         raise InputError("tool_none_one", request=request.get("tool"), tools=", ".join(TOOLS))
@@ -473,12 +464,10 @@ def find_in_frames(
     form: tuple[str, Mapping[str, Any]] | None = None,
     held: bool = False,
 ) -> dict[str, Any]:
-    """Search a frame as `init` does, and put what is found into the scene's text.
-
-    A key with a stated uncertainty stays. Frame 1 stands for 0 where that stands still; `form`:
-    what a new scene is made from; `held`: field, gamma, turns are known. InputError or
-    PhysicsError: the scene is as it was.
-    """
+    """Search a frame as `init` does, and put what is found into the scene's text. A key with a
+    stated uncertainty stays. Frame 1 stands for 0 where that stands still; `form`: what a new scene
+    is made from; `held`: field, gamma, turns are known. InputError or PhysicsError: the scene is as
+    it was."""
     started = session.text
     text, guessed = _start_text(session, form)
     scene = session.scene(text)
@@ -507,12 +496,9 @@ def find_in_frames(
 
     session.change(edit)
     shown = [v for v in draft.found if v.key in values or v.key in (LEFT, TOP)]
-    return {
-        "frame": draft.frame,
-        "chi": draft.chi,
-        "found": [{"key": v.key, "text": v.words, "note": page_words(v.note)} for v in shown],
-        "warnings": [*notes, *map(page_words, draft.warnings)],
-    }
+    found = [{"key": v.key, "text": v.words, "note": page_words(v.note)} for v in shown]
+    warnings = [*notes, *map(page_words, draft.warnings)]
+    return {"frame": draft.frame, "chi": draft.chi, "found": found, "warnings": warnings}
 
 
 def page_words(text: str) -> str:

@@ -1,9 +1,7 @@
-"""`setup`: a local page on which a scene is set up on its frames, and its server.
-
-The loopback address alone, a secret in every address, nothing else served. Other pages of the same
-browser can send requests here too: they do not know the token, the browser names them as the
-Origin, and an address of theirs that they let point here shows in Host.
-"""
+"""`setup`: a local page on which a scene is set up on its frames, and its server. The loopback
+address alone, a secret in every address, nothing else served. Other pages of the same browser can
+send requests here too: they do not know the token, the browser names them as the Origin, and an
+address of theirs that they let point here shows in Host."""
 
 from __future__ import annotations
 
@@ -72,9 +70,8 @@ def fit_answer(session: SetupSession, index: int) -> dict[str, Any]:
     """Fit the scene to one frame as `process` does; PhysicsError: it does not show the model."""
     scene = session.scene()
     if not scene.has_model:
-        raise InputError(
-            "so_there_nothing_fit", name=scene.name, no_model_reason=scene.no_model_reason
-        )
+        reason = scene.no_model_reason
+        raise InputError("so_there_nothing_fit", name=scene.name, no_model_reason=reason)
     result = process_frame(session.frames, scene, index)
     rows: list[tuple[Any, ...]] = []
     pixel = result.frame.pixel_mm
@@ -86,22 +83,15 @@ def fit_answer(session: SetupSession, index: int) -> dict[str, Any]:
         pair = one.value, one.standard_uncertainty
         texts = round_by_spread(*pair), with_uncertainty(*pair)
         rows.append((one.key, *texts, one.asked, one.refined))
-    names = "key", "value", "text", "asked", "refined"
-    return {
-        "frame": index,
-        "revision": session.revision,
-        "chi": result.frame.chi,
-        # not where it is not known; a load that is read against others has the misfit in its ±
-        "wrong": result.frame.fit is not None and result.frame.chi > CLEAR_CHI,
-        "summary_text": result.summary_text,
-        "kept_share": result.row.get("kept_share"),
-        "values": [
-            dict(zip(names, row, strict=True))
-            | {"line": f"{row[0].partition('.')[2]} = {toml_text(row[1])}"}
-            for row in rows
-        ],
-        "warnings": list(result.frame.warnings),
-    }
+    names = "key", "value", "text", "asked", "refined", "line"
+    lines = [f"{key.partition('.')[2]} = {toml_text(value)}" for key, value, *_ in rows]
+    values = [dict(zip(names, (*row, lines[k]), strict=True)) for k, row in enumerate(rows)]
+    # not where it is not known; a load that is read against others has the misfit in its ±
+    wrong = result.frame.fit is not None and result.frame.chi > CLEAR_CHI
+    answer: dict[str, Any] = {"frame": index, "revision": session.revision}
+    answer |= {"chi": result.frame.chi, "wrong": wrong, "summary_text": result.summary_text}
+    answer["kept_share"] = result.row.get("kept_share")
+    return answer | {"values": values, "warnings": list(result.frame.warnings)}
 
 
 def check_answer(session: SetupSession, *, fringes: bool) -> dict[str, Any]:
@@ -123,10 +113,8 @@ def check_answer(session: SetupSession, *, fringes: bool) -> dict[str, Any]:
 
 
 def order_map_of_points(session: SetupSession, index: int) -> tuple[NDArray[np.uint8], list[str]]:
-    """Levels of a frame's order from known points alone, in 0.02 fringe plus 1; 0: not known.
-
-    And what `process` says. InputError where no order is known anywhere.
-    """
+    """Levels of a frame's order from known points alone, in 0.02 fringe plus 1; 0: not known. And
+    what `process` says. InputError where no order is known anywhere."""
     scene = edits.without_model(session.scene(), session.text)
     if not scene.frames.orders_known:
         raise InputError("no_order_known_anywhere")
@@ -156,10 +144,8 @@ class ClickPreview:
 
     def answer(self, index: int, request: edits.Request) -> dict[str, Any]:
         """What would become of the map of a frame: its `kind`, 'nothing' where no order is read.
-
         Asked: `points`, `lines` as they would stand, `at` (row, col) of the picture; without `at`
-        the frame is only followed. Kinds: 'nothing', 'new', 'moved', 'changed', 'same', 'lost'.
-        """
+        the frame is only followed. Kinds: 'nothing', 'new', 'moved', 'changed', 'same', 'lost'."""
         session, revision = self._session, self._session.revision
         region = session.region(session.scene_or_none())
         down, right = -region.top_px, -region.left_px
@@ -350,7 +336,11 @@ class _Handler(BaseHTTPRequestHandler):
             with self.server.work if name in SLOW else nullcontext():
                 answer = route(self.server, request)
             if isinstance(answer, tuple):
-                self.send_picture(*answer)
+                picture, region, more = answer
+                head: dict[str, Any] = {"X-Rows": picture.shape[0], "X-Cols": picture.shape[1]}
+                if region is not None:
+                    head |= {"X-Top": region.top_px, "X-Left": region.left_px}
+                self._send(picture.tobytes(), "application/octet-stream", {**head, **more})
             else:
                 self.send_json(answer)
         except _Refused as refused:
@@ -401,15 +391,6 @@ class _Handler(BaseHTTPRequestHandler):
         """Send a JSON object; NaN as null."""
         data = json.dumps(plain(answer), allow_nan=False).encode()
         self._send(data, "application/json", status=status)
-
-    def send_picture(
-        self, picture: NDArray[np.uint8], region: Roi | None, more: Mapping[str, str]
-    ) -> None:
-        """Send grey levels as raw bytes, row by row, with their region and what more is said."""
-        head = {"X-Rows": picture.shape[0], "X-Cols": picture.shape[1]}
-        if region is not None:
-            head |= {"X-Top": region.top_px, "X-Left": region.left_px}
-        self._send(picture.tobytes(), "application/octet-stream", {**head, **more})
 
     def send_page(self) -> None:
         """Send the page itself; loaded anew, it shows what the file holds."""
@@ -498,8 +479,7 @@ def _map(server: SetupServer, request: edits.Request) -> Picture:
 
 def _frame(server: SetupServer, request: edits.Request) -> Picture:
     session = server.session
-    frame = session.frame(_index(request), session.scene_or_none())
-    return shown_frame(frame.image), None, {}
+    return shown_frame(session.frame(_index(request), session.scene_or_none()).image), None, {}
 
 
 GETS: Mapping[str, Route] = {
@@ -612,9 +592,8 @@ def open_session(
 ) -> SetupSession:
     """Open the frames, and the scene or set where there is one; a set names its frames."""
     if calibration is not None and calibration not in SUBJECTS:
-        raise InputError(
-            "calibration_none_name_one", calibration=calibration, subjects=", ".join(SUBJECTS)
-        )
+        names = ", ".join(SUBJECTS)
+        raise InputError("calibration_none_name_one", calibration=calibration, subjects=names)
     given = frames if isinstance(frames, str | Path) else tuple(frames)
     if scene is None and isinstance(given, str | Path) and Path(given).suffix.lower() == ".toml":
         scene, given = given, _images_of(Path(given))

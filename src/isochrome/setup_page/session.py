@@ -1,8 +1,6 @@
 """What the page works on: the frames, and the text of a scene or calibration set with its history.
-
 Rows and columns are px with pixel centres at whole numbers. Those of the page are of the whole
-picture; a scene's known orders and its mask are counted in its region of interest.
-"""
+picture; a scene's known orders and its mask are counted in its region of interest."""
 
 import os
 import re
@@ -73,16 +71,13 @@ def round_by_spread(value: float, spread: float) -> float:
 
 class LiveModel:
     """The fringes of a scene of one state on the pixels (rows, cols) of its region, as values move.
-
     Less exact than a fit's, and much faster: the mean over a pixel's area is left out, some
-    hundredths of the full light.
-    """
+    hundredths of the full light."""
 
     def __init__(self, scene: Scene, shape: tuple[int, int]) -> None:
         if not scene.has_model:
-            raise InputError(
-                "so_there_no_fringes", name=scene.name, no_model_reason=scene.no_model_reason
-            )
+            reason = scene.no_model_reason
+            raise InputError("so_there_no_fringes", name=scene.name, no_model_reason=reason)
         if scene.polariscope.several_wavelengths:
             raise InputError("fringes_over_picture_those", name=scene.name)
         self.scene, self.shape = scene, shape
@@ -94,9 +89,7 @@ class LiveModel:
 
     def signal(self, values: Mapping[str, float]) -> NDArray[np.floating]:
         """The signal (rows, cols) for values by key, 1 for full light, 0 where no specimen is.
-
-        InputError where a value is not allowed, PhysicsError where the contact cannot be solved.
-        """
+        InputError where a value is not allowed, PhysicsError where the contact cannot be solved."""
         parts = vars(self.scene)
         known = {k: v for k, v in values.items() if parts.get(k.partition(".")[0]) is not None}
         scene, sharp = self._base.with_values(known), np.ones((), np.float32)
@@ -125,9 +118,7 @@ _OUTERMOST = 0.1, 99.9
 
 class SetupSession:
     """A scene that is set up on its frames, and written to `scene_file`; no browser is needed.
-
-    `text` is empty for a scene that is still to be made; `saved`: the file holds it already.
-    """
+    `text` is empty for a scene that is still to be made; `saved`: the file holds it already."""
 
     def __init__(self, frames: FramesLike, scene_file: Path, text: str, *, saved: bool) -> None:
         self.frames, self.scene_file, self.text = frames, scene_file, text
@@ -187,9 +178,8 @@ class SetupSession:
         if not text.strip():
             raise InputError("there_no_scene_yet")
         self.refuse_strange_files(text)
-        return parse_scene(
-            text, name=self.scene_file.stem, folder=self.folder, label=self.scene_file.name
-        )
+        file = self.scene_file
+        return parse_scene(text, name=file.stem, folder=self.folder, label=file.name)
 
     def check_complete(self) -> None:
         """Refuse a text that cannot be used as it is."""
@@ -244,10 +234,8 @@ class SetupSession:
         with self._lock:
             self.check_complete()
             if self._read_file() not in (None, self._file_bytes):
-                noun = "scene" if self.subject is None else "set"
-                raise InputError(
-                    "changed_another_program_since", name=self.scene_file.name, noun=noun
-                )
+                name, noun = self.scene_file.name, "scene" if self.subject is None else "set"
+                raise InputError("changed_another_program_since", name=name, noun=noun)
             write_text(self.scene_file.resolve(), self.text)
             self._file_bytes, self._saved_text = self._read_file(), self.text
             self._named |= _named_files(self.text)
@@ -366,10 +354,8 @@ class SetSession(SetupSession):
     @property
     def image_names(self) -> list[str]:
         """The images' files as the set names them: relative to its folder."""
-        return [
-            Path(os.path.relpath(file.resolve(), self.folder.resolve())).as_posix()
-            for file in self.reader_files
-        ]
+        folder, files = self.folder.resolve(), (file.resolve() for file in self.reader_files)
+        return [Path(os.path.relpath(file, folder)).as_posix() for file in files]
 
     def scene(self, text: str | None = None) -> Scene:
         """How the pictures are taken and read, as a scene without a model."""
@@ -484,16 +470,13 @@ def calibration_answer(session: SetSession) -> dict[str, Any]:
     with single_threaded():
         result = run(given)
     session.geometry = revision, {image.file: image.geometry for image in result.images}
-    return {
-        "revision": revision,
-        "values": [{"words": words, "text": text} for words, text in result.main_values()],
-        "images": [
-            {name: getattr(image, name) for name in ("file", "load_n", "order", "chi")}
-            for image in result.images
-        ],
-        "causes": list(_cause_rows(given.gamma, result)),
-        "warnings": [w for w in result.warnings if w not in map(cause_sentence, result.causes)],
-    }
+    values = [{"words": words, "text": text} for words, text in result.main_values()]
+    names = "file", "load_n", "order", "chi"
+    images = [{name: getattr(image, name) for name in names} for image in result.images]
+    causes = list(_cause_rows(given.gamma, result))
+    warnings = [w for w in result.warnings if w not in map(cause_sentence, result.causes)]
+    answer = {"revision": revision, "values": values, "images": images}
+    return answer | {"causes": causes, "warnings": warnings}
 
 
 _UNITS = {

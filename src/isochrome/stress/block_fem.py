@@ -1,12 +1,9 @@
-"""Finite elements for what a block's sides and support add to a half-plane's stress.
-
-The block's stress is the half-plane's under the same contact, and a correction that takes the
-half-plane's tractions off the sides and its displacement out of the support. Both are smooth at the
-contact, so that a coarse mesh is enough: biquadratic elements in plane stress, on lines that crowd
-towards the contact and the corners. Strains at the 2 x 2 Gauss points, where they are of one order
-more (Barlow 1976, International Journal for Numerical Methods in Engineering 10).
-Library: scikit-fem, Gustafsson & McBain (2020), Journal of Open Source Software 5.
-"""
+"""Finite elements for what a block's sides and support add to a half-plane's stress: a
+correction that takes the half-plane's tractions off the sides and its displacement out of the
+support. Both are smooth at the contact, so that a coarse mesh is enough: biquadratic elements in
+plane stress, on lines that crowd towards the contact and the corners. Strains at the 2 x 2 Gauss
+points, where they are of one order more (Barlow 1976, International Journal for Numerical Methods
+in Engineering 10). Library: scikit-fem, Gustafsson & McBain (2020), JOSS 5."""
 
 from collections.abc import Iterable
 from typing import Any, NamedTuple
@@ -57,11 +54,9 @@ class Sampled(NamedTuple):
 def corrections(
     sides: Sides, forces: Iterable[PointForce], *, within_mm: float, refine: float = 1.0
 ) -> list[Sampled]:
-    """What a block adds to the half-plane's stress under each force, near the contact's place.
-
-    That is within a radius `within_mm`; `refine` multiplies the number of the mesh's lines.
-    InputError where scikit-fem is not installed.
-    """
+    """What a block adds to the half-plane's stress under each force, near the contact's place. That
+    is within a radius `within_mm`; `refine` multiplies the number of the mesh's lines. InputError
+    where scikit-fem is not installed."""
     try:
         import skfem as fem
     except ImportError as error:

@@ -127,10 +127,8 @@ class PixelGrid:
         return x + middle[0], z + middle[1]
 
     def around(self, parts: int = 1) -> PixelGrid:
-        """A plain grid around all that is looked at, a pixel in `parts`; itself without a lens.
-
-        A row lies half a pixel below the surface; it grows by steps, to serve lenses that change.
-        """
+        """A plain grid around all that is looked at, a pixel in `parts`; itself without a lens. A
+        row lies half a pixel below the surface; it grows by steps, to serve lenses that change."""
         if self.lens is None:
             return self
         pixel_mm = self.pixel_mm / parts
@@ -162,10 +160,8 @@ def _looked_at(pixels: PixelGrid) -> tuple[Floats, Floats]:
 
 def pixel_grid(scene: Scene, shape: tuple[int, int] | None = None) -> PixelGrid:
     """The pixel grid of a scene's camera; `shape` is its (rows, cols) where the camera has none.
-
-    The contact or specimen is by default in the middle of the width, the surface at the top, a
-    body in the middle of the height. InputError: a key is missing, or the picture too large.
-    """
+    The contact or specimen is by default in the middle of the width, the surface at the top, a body
+    in the middle of the height. InputError: a key is missing, or the picture too large."""
     camera = scene.camera
     if camera is None:
         raise InputError("camera_missing_picture_needs", name=scene.name)
@@ -208,10 +204,8 @@ StressDifference = NDArray[np.complexfloating]
 
 def principal_direction(difference: StressDifference) -> Floats:
     """Direction θ of sigma_1, rad in (-π/2, π/2], counter-clockwise from +x as the camera sees it.
-
     Equation: tan 2φ = 2 tau_xz / (sigma_x - sigma_z) from x towards z; since z points down in the
-    image, θ = -φ. Source: Timoshenko & Goodier (1970), section 9.
-    """
+    image, θ = -φ. Source: Timoshenko & Goodier (1970), section 9."""
     return np.asarray(-0.5 * np.angle(difference), dtype=float)
 
 
@@ -245,10 +239,8 @@ def seen_nearly(field: NDArray[Any], grid: PixelGrid, pixels: PixelGrid) -> NDAr
 
 
 def below_surface(field: NDArray[N], grid: PixelGrid) -> NDArray[N]:
-    """A field (rows, cols) that goes on above the surface as f(-z) = 2 f(0) - f(z).
-
-    A jump would ring in a spline. Rows lie half a pixel below the surface, see `PixelGrid.around`.
-    """
+    """A field (rows, cols) that goes on above the surface as f(-z) = 2 f(0) - f(z). A jump would
+    ring in a spline. Rows lie half a pixel below the surface, see `PixelGrid.around`."""
     first = round(-grid.top_mm / grid.pixel_mm)
     if not 0 < first < len(field):
         return field

@@ -55,12 +55,10 @@ _FAR = 40.0
 def cauchy_of_hat(
     x_mm: Floats, z_mm: Floats | float, spacing_mm: float
 ) -> tuple[Complexes, Complexes]:
-    """∫ hat/(ζ-t) dt and ∫ hat/(ζ-t)² dt (1/mm) at ζ = x - i z, z >= 0, from the hat's node.
-
-    Near by, second differences; far off, the hat's moments, where those would cancel. On the
-    surface ln ζ is the limit from below; the second integral, infinite at a node there but only
-    ever multiplied by z = 0, is given as zero. `spacing_mm` is h.
-    """
+    """∫ hat/(ζ-t) dt and ∫ hat/(ζ-t)² dt (1/mm) at ζ = x - i z, z >= 0, from the hat's node. Near
+    by, second differences; far off, the hat's moments, where those would cancel. On the surface ln
+    ζ is the limit from below; the second integral, infinite at a node there but only ever
+    multiplied by z = 0, is given as zero. `spacing_mm` is h."""
     x, z = np.broadcast_arrays(x_mm, z_mm)
     zeta: Complexes = np.empty(x.shape, complex)
     zeta.real, zeta.imag = x / spacing_mm, -(z / spacing_mm)
@@ -124,12 +122,10 @@ ROWS_AT_ONCE = 64
 
 @dataclass(frozen=True)
 class RowBand:
-    """Kernel spectra of neighbouring rows that take the same sources.
-
-    `rows`, which of the picture's; `fold`, sources a pixel; `moved`, nodes a source stands for (1:
-    the nodes themselves); `cauchy`, `slope` (rows, length), spectra of -(2/π) ∫ hat/(ζ-t) dt and
-    of -(2/π) z ∫ hat/(ζ-t)² dt.
-    """
+    """Kernel spectra of neighbouring rows that take the same sources. `rows`, which of the
+    picture's; `fold`, sources a pixel; `moved`, nodes a source stands for (1: the nodes
+    themselves); `cauchy`, `slope` (rows, length), spectra of -(2/π) ∫ hat/(ζ-t) dt and of -(2/π) z
+    ∫ hat/(ζ-t)² dt."""
 
     rows: slice
     fold: int
@@ -142,10 +138,8 @@ def make_band(
     rows: slice, z_mm: Floats, cols: int, *, first_mm: float, spacing_mm: float, nodes: int,
     fold: int, deep: bool, dtype: np.dtype[np.complexfloating],
 ) -> RowBand:  # fmt: skip
-    """Kernel spectra of one band of rows at depths `z_mm`; `fold`, nodes a pixel.
-
-    `first_mm` is the first pixel's x from the first node; `deep`, sources move to pixel spacing.
-    """
+    """Kernel spectra of one band of rows at depths `z_mm`; `fold`, nodes a pixel. `first_mm` is the
+    first pixel's x from the first node; `deep`, sources move to pixel spacing."""
     step, sources, moved = spacing_mm, nodes, 1
     if deep and fold > 1:
         moved, step = fold, fold * spacing_mm
@@ -337,11 +331,9 @@ class FieldGrid:
 
 def field_dtype(tolerance: float) -> type[np.complexfloating]:
     """The cheapest precision whose error is below a share of the largest pressure and shear.
-
     complex64: 1e-6 (2e-7 under a smooth contact), the rounding of the transforms, 6e-8, times a
     row's kernel and traction, some ten even for random signs on 65536 nodes. complex128: 5e-13,
-    from the hats' second differences 40 spacings away; InputError below that.
-    """
+    from the hats' second differences 40 spacings away; InputError below that."""
     if not tolerance >= DOUBLE_ERROR:
         raise InputError(
             "tolerance_stress_field_largest", tolerance=tolerance, double_error=DOUBLE_ERROR
@@ -440,10 +432,8 @@ class Loads:
 
 
 def _scans(loads: Loads, box: Box) -> Iterator[tuple[Floats, Floats, Floats]]:
-    """Columns, depths and sizes of a coarse scan of all the window and of fine ones at the load.
-
-    A column at each node on graded depths, and four to a spacing near the surface and its cusps.
-    """
+    """Columns, depths and sizes of a coarse scan of all the window and of fine ones at the load. A
+    column at each node on graded depths, and four to a spacing near the surface and its cusps."""
     x: Floats = np.linspace(box.left, box.right, _ACROSS)
     z: Floats = np.linspace(box.top, box.bottom, _ACROSS)
     yield x, z, loads.size(x[None, :], z[:, None])
@@ -487,12 +477,10 @@ def largest_shear(
     within: tuple[float, float, float, float], regular: RegularStress = NO_STRESS,
 ) -> ShearPeak:  # fmt: skip
     """Find the largest (sigma_1 - sigma_2)/2 in the material under a window, its surface included.
-
     A scan on graded depths finds the hills, direct sums climb the highest, to 1e-7 of their width.
-    The window is (left, right, top, bottom), mm. At the surface the value is the traction's at
-    its uniform nodes: beside a worn edge, where friction ends steeply, sigma_x grows with the
-    logarithm of that steepness, so with a finer grid. InputError: no material, or not finite.
-    """
+    The window is (left, right, top, bottom), mm. At the surface the value is the traction's at its
+    uniform nodes: beside a worn edge, where friction ends steeply, sigma_x grows with the logarithm
+    of that steepness, so with a finer grid. InputError: no material, or not finite."""
     from scipy.ndimage import maximum_filter
 
     left_mm, right, top, bottom = within
@@ -526,11 +514,9 @@ def largest_shear(
 def _climb(
     loads: Loads, box: Box, x: Floats, z: Floats, size: Floats, step: Floats, share: float
 ) -> tuple[Floats, Floats, Floats]:
-    """Move each place to its best neighbour of eight, or halve its step, down to a share of it.
-
-    No slopes: at the surface the field has cusps at the nodes. Source: pattern search, Hooke &
-    Jeeves (1961), Journal of the ACM 8.
-    """
+    """Move each place to its best neighbour of eight, or halve its step, down to a share of it. No
+    slopes: at the surface the field has cusps at the nodes. Source: pattern search, Hooke & Jeeves
+    (1961), Journal of the ACM 8."""
     dx, dz = (d.ravel()[:, None] for d in np.meshgrid([0, -1, 1], [0, -1, 1]))
     scale = np.ones_like(x)
     while (moving := np.flatnonzero(scale > share)).size:

@@ -73,9 +73,7 @@ def make_series_grid(
     rows: int, cols: int, pitch_mm: float, *, nodes: int, spacing_mm: float, reach_mm: float
 ) -> SeriesGrid:
     """A lattice of pixels over one of surface nodes; quickest where `spacing_mm` divides the pitch.
-
-    `reach_mm` is the largest distance of a loaded node from a pixel.
-    """
+    `reach_mm` is the largest distance of a loaded node from a pixel."""
     wanted = max(_REACH * reach_mm / pitch_mm, cols, nodes * spacing_mm / pitch_mm)
     length = int(scipy.fft.next_fast_len(math.ceil(wanted)))
     pairs, poles = _power_series()
@@ -106,12 +104,10 @@ def series_difference(
     shear_mpa: Floats | None = None, slopes: bool = False, least_mm: float = 0.0,
 ) -> SeriesField:  # fmt: skip
     """(sigma_x - sigma_z) + 2i tau_xz on a lattice of pixels, and with `slopes` its derivatives.
-
     Errs by 2e-7 of the largest traction; the slopes lack those of the repetitions, 1e-3 of them.
     `x_mm`, `z_mm`: the first pixel's centre; `left_mm`: the first node. Tractions (n,), MPa, are
     linear between nodes and zero beyond. Nothing is computed above `least_mm`: rows near the
-    surface cost most. ValueError where a pixel is beyond the series' reach.
-    """
+    surface cost most. ValueError where a pixel is beyond the series' reach."""
     depth = z_mm + grid.pitch_mm * np.arange(grid.rows)
     first = int(np.searchsorted(depth, max(least_mm, SHALLOWEST * grid.spacing_mm)))
     maps = [np.zeros((grid.rows, grid.cols), np.complex64) for _ in range(3 if slopes else 1)]
@@ -142,9 +138,7 @@ def _repeated(
     shear: Floats | None, depths: list[Floats], count: int,
 ) -> Complexes:  # fmt: skip
     """The repeated tractions' field in rows of depths that are alike; of `count` 3 its slopes.
-
-    Waves that the pixels cannot tell apart are added before the transform.
-    """
+    Waves that the pixels cannot tell apart are added before the transform."""
     n, length = np.arange(_count(grid, shallowest_mm)), grid.length
     kappa = (2.0 * np.pi / grid.period_mm) * n
     hat = np.sinc(0.5 / np.pi * grid.spacing_mm * kappa) ** 2
