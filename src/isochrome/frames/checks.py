@@ -246,9 +246,9 @@ def _places_beyond(scene: Scene, rows: int, cols: int) -> Iterator[tuple[str, st
     """Tell of known points, and of the first one of lines and boundaries, beyond the picture."""
     frames = scene.frames
     for i, known in enumerate(frames.known_order, start=1):
-        if known.row_px >= rows or known.col_px >= cols:
-            place = {"row_px": known.row_px, "col_px": known.col_px}
-            text = message("frames_known_order_row_column", i=i, **place)
+        row, col = known.row_px, known.col_px
+        if row >= rows or col >= cols:
+            text = message("frames_known_order_row_column", i=i, row_px=row, col_px=col)
             yield scene.name, f"{text}outside {rows} x {cols} pixels; move it"
     # an outline may run along the picture's edge, half a pixel beyond its last centre
     lines: list[Any] = [("known_line", *line, 0.0) for line in enumerate(frames.known_line, 1)]
