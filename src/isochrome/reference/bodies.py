@@ -164,10 +164,14 @@ def ring_stress(
     StressComponents
         The stress in the broadcast shape, MPa; NaN outside and under the loads.
     """
-    sizes = {"diameter_mm": diameter_mm, "hole_mm": hole_mm}
-    check_positive(load_n=load_n, **sizes, thickness_mm=thickness_mm)
+    check_positive(
+        load_n=load_n, diameter_mm=diameter_mm, hole_mm=hole_mm, thickness_mm=thickness_mm
+    )
     if hole_mm > WIDEST_HOLE * diameter_mm:
-        raise InputError("hole_mm_but_must_most", widest_hole=WIDEST_HOLE, **sizes)
+        raise InputError(
+            "hole_mm_but_must_most", widest_hole=WIDEST_HOLE, diameter_mm=diameter_mm,
+            hole_mm=hole_mm,
+        )  # fmt: skip
     x, z = plane_points(x_mm, z_mm)
     disc = disc_stress(x, z, load_n=load_n, diameter_mm=diameter_mm, thickness_mm=thickness_mm)
     ratio = hole_mm / diameter_mm
@@ -279,10 +283,12 @@ def beam_moment(load_n: float, *, inner_span_mm: float, outer_span_mm: float) ->
     float
         The moment M, N mm.
     """
-    spans = {"inner_span_mm": inner_span_mm, "outer_span_mm": outer_span_mm}
-    check_positive(load_n=load_n, **spans)
+    check_positive(load_n=load_n, inner_span_mm=inner_span_mm, outer_span_mm=outer_span_mm)
     if not outer_span_mm > inner_span_mm:
-        raise InputError("outer_span_mm_but_must_exceed", **spans)
+        raise InputError(
+            "outer_span_mm_but_must_exceed", outer_span_mm=outer_span_mm,
+            inner_span_mm=inner_span_mm,
+        )  # fmt: skip
     return load_n * (outer_span_mm - inner_span_mm) / 4.0
 
 

@@ -60,9 +60,12 @@ class KnownLoads(ImageOnly):
             stated = loads[frame.index] if frame.index < len(loads) else 0.0
             away = abs(read.load_n - stated) / off
             if stated and away > CONTRADICTED:
-                value = with_uncertainty(read.load_n, off)
-                values = {"stated": stated, "with_uncertainty": value, "away": away}
-                notes.append(message("load_stated_other_known", **values))
+                notes.append(
+                    message(
+                        "load_stated_other_known", stated=stated, away=away,
+                        with_uncertainty=with_uncertainty(read.load_n, off),
+                    )
+                )  # fmt: skip
             if read.beyond > FAR:
                 notes.append(message("load_lies_far_outside"))
             scale = scene.camera.pixel_mm if scene.camera else None
