@@ -335,10 +335,9 @@ class FrameReader:
         """Frames from `start` on, the next read by a thread meanwhile; its end closes the file."""
         frames, thread = self._read(start, None), ThreadPoolExecutor(1)
         try:
-            # None at the end: a StopIteration cannot pass through a Future
-            coming = thread.submit(next, frames, None)
+            coming = thread.submit(_next, frames)
             while (frame := coming.result()) is not None:
-                coming = thread.submit(next, frames, None)
+                coming = thread.submit(_next, frames)
                 yield frame
         finally:
             thread.shutdown(wait=True, cancel_futures=True)
@@ -413,3 +412,8 @@ class FrameReader:
         self._running: weakref.WeakSet[Generator[Frame]] = weakref.WeakSet()
         self._open = threading.local()
         self.__dict__.update(state)
+
+
+def _next(frames: Iterator[Frame]) -> Frame | None:
+    """One frame, None at the end: a StopIteration cannot pass through a Future."""
+    return next(frames, None)

@@ -195,9 +195,13 @@ def _remove(entry: Path) -> None:
 
 def _manifest(root: Path) -> dict[str, Any] | None:
     """What a run is a result of; None where it breaks off: so may all that was written after it."""
-    manifest = integrity.read_checked(root / MANIFEST)
-    ours = manifest is not None and re.fullmatch(r"results-[0-9a-f]+", manifest["token"])
-    return manifest if ours else None
+    try:
+        manifest: dict[str, Any] = integrity.read_checked(root / MANIFEST)
+        known = isinstance(manifest["identity"], dict) and isinstance(manifest["layout"], dict)
+        inside = re.fullmatch(r"results-[0-9a-f]+", manifest["token"]) is not None
+    except (ValueError, KeyError, TypeError, RecursionError):
+        return None  # no manifest of ours
+    return manifest if known and inside else None
 
 
 def clear_up(run: RunFolder) -> None:

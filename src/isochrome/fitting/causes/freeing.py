@@ -25,7 +25,7 @@ from isochrome.estimation import (
     weigh,
 )
 from isochrome.fitting.arrays import Array, Mask
-from isochrome.fitting.causes.cause import Cause
+from isochrome.fitting.causes.cause import OF_PRESSURE, SMOOTH, Cause
 from isochrome.fitting.causes.score import (
     LEAST_EVEN,
     LIGHT,
@@ -368,14 +368,16 @@ def _plans(
 def _tried_from_afar(
     freed: Freed[S], asked: Asked, search: _Search, own: _Plan
 ) -> list[tuple[_Plan, float]]:
-    """Trials of the likeliest set, and of it with one thing less; then of what else is likely or
-    fitted, with one thing more, or once one explains, one less.
+    """Trials of the likeliest set, of it with one thing less, and of a contact with any pressure;
+    then of what else is likely or fitted, with one thing more, or once one explains, one less.
 
     What is far off looks like two things, and one thing more may be another one. What tractions
     hide is told where these are at rest.
     """
     first, *likely = asked.sets.members[:_LIKELY]
-    tried = _tried(freed, asked, search, [first, *_named(asked), *_with_less(first)])
+    pressed = [] if asked.modes is None or freed.tractions else _any_pressure(asked, first)
+    sets = [first, *_named(asked), *pressed, *_with_less(first)]
+    tried = _tried(freed, asked, search, sets)
     best = tried[0][0] if tried else own
     if best.root is not None:
         return tried
@@ -390,6 +392,16 @@ def _named(asked: Asked) -> list[Members]:
     hides what a named cause would explain beyond that.
     """
     return list(weigh(asked.evidence, without=(TRACTIONS, *WAVES)).members[:_PLAIN])
+
+
+def _any_pressure(asked: Asked, first: Members) -> list[Members]:
+    """Tractions as large as they may be with a smooth stress, near what most contacts have; and a
+    set with a modulus or a layer in place of tractions.
+    """
+    press = asked.ways(TRACTIONS)
+    wider = [k for name in sorted(OF_PRESSURE) for k in asked.ways(name)[:1]]
+    others = [k for k in first if k not in (*press, *wider)]
+    return [(*asked.ways(SMOOTH.name), press[-2]), *((*others, k) for k in wider)]
 
 
 def _with_less(members: Members) -> list[Members]:
@@ -408,7 +420,12 @@ def _tried(
 
     From afar tractions are not looked at where something without them explains the frames.
     """
-    plans, keys = [plan for plan, _ in tried], _usual_values(asked, freed.stated.scene)
+    plans, stated = [plan for plan, _ in tried], freed.stated.scene
+    keys = {
+        key: (start if cause.stated else middle_of(stated, key), size)
+        for cause in asked.causes
+        for key, start, size in zip(cause.keys, cause.starts, sizes_of(cause, stated), strict=True)
+    }
     for plan in (_of_members(asked, members) for members in sets):
         plain = [p for p in plans if p.root is None]
         explained = freed.now.chi >= GOOD_CHI and any(p.excess < FAR for p in plain)
@@ -424,15 +441,6 @@ def _tried(
             plans.append(replace(plan, trial=trial, values=trial.tractions, waves=trial.waves))
     noise = max(1.0, min((plan.excess for plan in plans), default=1.0))
     return sorted(((p, p.log_evidence(noise)) for p in plans), key=lambda pair: -pair[1])
-
-
-def _usual_values(asked: Asked, stated: Scene) -> dict[str, tuple[float, float]]:
-    """Middle and standard deviation of what may be there, by key."""
-    return {
-        key: (start if cause.stated else middle_of(stated, key), size)
-        for cause in asked.causes
-        for key, start, size in zip(cause.keys, cause.starts, sizes_of(cause, stated), strict=True)
-    }
 
 
 def _of_members(asked: Asked, members: Members) -> _Plan:
