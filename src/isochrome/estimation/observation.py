@@ -67,6 +67,11 @@ class FrameData(Observation):
             gamma=gamma,
         )
 
+    def as_fitted(self, scene: Scene) -> FrameData:
+        """The frame read with a scene's exponent; as it is where that is its own."""
+        gamma = scene.frames.stated_gamma
+        return self if gamma == self.gamma else self.toned(gamma)
+
     def with_noise(self, ratio: float) -> FrameData:
         """The frame with so many times its noise."""
         share = np.float32(ratio)

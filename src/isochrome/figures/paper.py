@@ -494,7 +494,8 @@ def _lay_out(
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", r"Glyph .* missing from font")
         for _ in range(_PASSES):
-            engine.execute(figure)  # which draws nothing: the pictures need not be resampled
+            for _ in range(2):  # which draws nothing; margins are of where pictures stood before
+                engine.execute(figure)
             missing = sum(_missing_mm(row) for row in pictures)
             if abs(missing) < 0.1:
                 break

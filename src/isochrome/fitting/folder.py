@@ -270,8 +270,7 @@ def figure_of_frames(
 def fit_figure(name: str, frames: PreparedFrames, scenes: tuple[Scene, ...]) -> Figure:
     """Captured light, fitted light, and their difference over the noise, for up to six frames."""
     shown = evenly_spaced(range(len(scenes)), _SHOWN)
-    wanted = [frames[k] for k in shown]
-    wanted = [_as_fitted(data, scenes[k]) for k, data in zip(shown, wanted, strict=True)]
+    wanted = [frames[k].as_fitted(scenes[k]) for k in shown]
     models = [evaluate_model(data, scenes[k]) for k, data in zip(shown, wanted, strict=True)]
 
     def draw(axes: Axes, k: int, column: int) -> AxesImage:
@@ -297,19 +296,11 @@ def _light(model: ModelFrame) -> Array:
     return np.asarray(model.background + model.illumination * model.signal(1))
 
 
-def _as_fitted(data: FrameData, scene: Scene) -> FrameData:
-    """A frame read with the exponent that was fitted."""
-    gamma = scene.frames.stated_gamma
-    return data if gamma == data.gamma else data.toned(gamma)
-
-
 def _show_residual(axes: Axes, data: FrameData, model: ModelFrame) -> AxesImage:
     """A frame's light less its model's, over the noise, where that is known."""
     residual = np.where(model.mask, (data.light - _light(model)) / data.sigma, np.nan)
     look: dict[str, Any] = {"cmap": DIFFERENCE_MAP, "vmin": -5, "vmax": 5}
-    image = show_image(axes, residual, **look, **model.pixels.scale)
-    axes.set_xlabel("")  # it is the colour bar's place
-    return image
+    return show_image(axes, residual, **look, **model.pixels.scale)
 
 
 def tractions_figure(
@@ -325,14 +316,12 @@ def tractions_figure(
         i = shown[k]
         if column == 0:
             scene = found[i].scene
-            data = _as_fitted(wanted[i], scene)
+            data = wanted[i].as_fitted(scene)
             model = evaluate_model(data, scene, difference=stress[i].difference)
             return _show_residual(axes, data, model)
         limit = centred_limit(*(maps[i][column - 1] for i in shown), percentile=99.8)
         look: dict[str, Any] = {"cmap": DIFFERENCE_MAP, "vmin": -limit, "vmax": limit}
-        image = show_image(axes, maps[i][column - 1], **look, **found[i].pixels.scale)
-        axes.set_xlabel("")  # the colour bar's place, and the tractions' below
-        return image
+        return show_image(axes, maps[i][column - 1], **look, **found[i].pixels.scale)
 
     bars = {"residual": _RESIDUAL_LABEL} | {
         sigma: f"{sigma} (MPa), tension positive" for sigma in ("σ₁", "σ₂")

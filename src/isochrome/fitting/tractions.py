@@ -397,8 +397,7 @@ def invert_tractions(data: FrameData, *scenes: Scene, free_top: bool = False) ->
             break
     search = min(searches, key=lambda one: one[0].chi)
     scene = search[0].scene
-    if scene.frames.stated_gamma != data.gamma:
-        data = data.toned(scene.frames.stated_gamma)
+    data = data.as_fitted(scene)
     model = invert(data, scene, free_top=free_top)
     values, scene, n, m = model.rest.values, model.found_scene, len(model.nodes_mm), FRICTION_LIMIT
     pressure, shear = model.tractions(values)

@@ -178,14 +178,14 @@ class VerifiedStore(LocalStore):
         name = f"{self.root.name}/{key}"
         if name not in self._record.sizes:
             return None
-        data = self._record.read(name)
+        part = slice(None)
         if isinstance(byte_range, RangeByteRequest):
-            data = data[byte_range.start : byte_range.end]
+            part = slice(byte_range.start, byte_range.end)
         elif isinstance(byte_range, OffsetByteRequest):
-            data = data[byte_range.offset :]
+            part = slice(byte_range.offset, None)
         elif byte_range is not None:
-            data = data[-byte_range.suffix :]
-        return cpu.Buffer(data)
+            part = slice(-byte_range.suffix, None)
+        return cpu.Buffer(self._record.read(name, part))
 
     async def list_dir(self, prefix: str) -> AsyncIterator[str]:
         """The names below a prefix that are of the results."""

@@ -608,9 +608,8 @@ def fit_with_causes(
         if slip is None:
             raise
         raise PhysicsError(slip.sentence()) from error
-    given = data = data.with_noise(fitted.fit.noise_ratio / data.noise_ratio)
-    if fitted.fit.scene.frames.stated_gamma != data.gamma:
-        data = data.toned(fitted.fit.scene.frames.stated_gamma)
+    given = data.with_noise(fitted.fit.noise_ratio / data.noise_ratio)
+    data = given.as_fitted(fitted.fit.scene)
     lost = is_lost(fitted)
     freed = None if lost else free_causes(FrameSolution(data, fitted, past=past))
     # a slip costs more to look for than all causes, and what they explain has none

@@ -386,8 +386,7 @@ def evaluate_model(data: FrameData, scene: Scene, *, difference: Array | None = 
     known, and fit the linear light to it. Chi is inf for a negative illumination; InputError where
     no pixel is trusted.
     """
-    if scene.frames.stated_gamma != data.gamma:
-        data = data.toned(scene.frames.stated_gamma)
+    data = data.as_fitted(scene)
     grid = pixel_grid(scene, data.shape)
     if difference is None:
         renderer = SceneRenderer(scene, data.shape)

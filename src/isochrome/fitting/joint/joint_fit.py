@@ -57,8 +57,7 @@ from isochrome.fitting.frame.unknowns import (
     stated_inputs,
     thinning,
 )
-from isochrome.fitting.frame_set import PreparedFrames as FrameSet
-from isochrome.fitting.frame_set import refuse_alike
+from isochrome.fitting.frame_set import PreparedFrames, refuse_alike
 from isochrome.fitting.joint.frame_sequence import (
     COURSE,
     Sequence,
@@ -81,7 +80,7 @@ from isochrome.scene import DistanceTable, Scene
 class JointSolution(Askable):
     """Several frames' fit: `data` with light and pixels taken, the `problem`, `progress`."""
 
-    data: FrameSet
+    data: PreparedFrames
     problem: JointProblem
     joint: JointFit
     progress: Callable[[], None]
@@ -92,7 +91,7 @@ class JointSolution(Askable):
         return self.joint
 
     @property
-    def frames(self) -> FrameSet:
+    def frames(self) -> PreparedFrames:
         """The frames, with the light and the pixels that were taken."""
         return self.data
 
@@ -195,7 +194,7 @@ class JointSolution(Askable):
         sequence = replace(sequence, scene=scene, unknowns=unknowns)
         return solve_jointly(other.data, sequence, start, self.progress)
 
-    def _changed(self, change: Change) -> tuple[FrameSet, Sequence, Array]:
+    def _changed(self, change: Change) -> tuple[PreparedFrames, Sequence, Array]:
         """Frames, unknowns and values to begin with."""
         outside = change.outside
         if outside is not None:
@@ -221,7 +220,7 @@ class JointSolution(Askable):
 
 
 def solve_jointly(
-    data: FrameSet, sequence: Sequence, start: Array, progress: Callable[[], None]
+    data: PreparedFrames, sequence: Sequence, start: Array, progress: Callable[[], None]
 ) -> JointSolution:
     """Fit frames together, and keep what can be asked; raises as `JointProblem.fitted`."""
     problem = JointProblem(data, sequence, start, data.shape, progress)

@@ -190,8 +190,7 @@ def sharp_rim(data: FrameData, rim: Circle) -> Circle:
 
 def _held(data: FrameData, fit: fitting.FrameFit) -> tuple[FrameData, fitting.ModelFrame]:
     """The frame as its fit read it, and the fit at every pixel."""
-    if fit.scene.frames.stated_gamma != data.gamma:
-        data = data.toned(fit.scene.frames.stated_gamma)
+    data = data.as_fitted(fit.scene)
     if fit.plain:
         data = data.plain()
     return data, fitting.evaluate_model(data, fit.scene)
