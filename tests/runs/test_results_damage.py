@@ -17,7 +17,7 @@ import isochrome
 import isochrome.processing.api
 from isochrome.cli import app
 from isochrome.errors import InputError
-from isochrome.runs import checked_store, seal
+from isochrome.runs import checked_store, integrity, seal
 from runs.counting import contents
 from runs.damage import FAULTS, commands, damage, uses, write_input
 
@@ -182,6 +182,18 @@ def test_a_part_of_a_file_is_held_against_the_chunks_own_checksum(finished):
     chunk.write_bytes(data[:10] + bytes([data[10] ^ 1]) + data[11:])
     with isochrome.open_run("track") as run, pytest.raises(ValueError, match="checksum"):
         run.fringe_order[0].values  # noqa: B018
+
+
+@pytest.mark.long
+def test_a_file_that_is_read_in_parts_is_summed_once(finished, monkeypatch):
+    """A film's maps lie in one file: one read of it for each frame grew with their square."""
+    finished("track")
+    summed, own = [], integrity.file_sum
+    monkeypatch.setattr(integrity, "file_sum", lambda path: summed.append(path) or own(path))
+    with isochrome.open_run("track") as run:
+        maps = [run.fringe_order[k].values for k in range(3)]
+    assert np.isfinite(maps).any(axis=(1, 2)).all()
+    assert len([path for path in summed if "fringe_order" in path.parts]) == 1
 
 
 def test_a_store_that_is_read_without_an_event_loop_is_verified_too(finished):
