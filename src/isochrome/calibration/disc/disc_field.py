@@ -144,17 +144,24 @@ def load_field(
     for a residual D in the image's axes. `geometry`: row, column, radius (px) and angle of the
     loads from the column direction (rad).
     """
+    share, below = _loaded(rows, cols, geometry)
+    turn = np.exp(2j * float(np.asarray(geometry, dtype=float)[3]))
+    return share, below**2 / (np.square(np.abs(below)) + 1e-12) * turn
+
+
+def _loaded(rows: NDArray[Any], cols: NDArray[Any], geometry: ArrayLike) -> tuple[Array, Complexes]:
+    """h (n,), and 1 + w² of the places w over the radius, turned until the loads lie along i."""
     row, col, radius, angle = np.asarray(geometry, dtype=float)
-    place = (cols - col - 1j * (rows - row)) / radius
-    below = 1.0 + (place * np.exp(-1j * angle)) ** 2
-    size = np.square(np.abs(below)) + 1e-12
-    return (1.0 - np.square(np.abs(place))) / size, below**2 / size * np.exp(2j * angle)
+    place = (cols - col - 1j * (rows - row)) * (np.exp(-1j * angle) / radius)
+    below = 1.0 + place**2
+    lengths = (np.square(w.real) + np.square(w.imag) for w in (place, below))
+    return (1.0 - next(lengths)) / (next(lengths) + 1e-12), below
 
 
 def disc_order(params: ArrayLike, rows: NDArray[Any], cols: NDArray[Any]) -> Array:
     """Fringe order (n,), 0 outside the disc, by the centre order and `load_field`'s geometry."""
     order, *geometry = np.asarray(params, dtype=float)
-    return np.asarray(order * np.maximum(load_field(rows, cols, geometry)[0], 0.0))
+    return np.asarray(order * np.maximum(_loaded(rows, cols, geometry)[0], 0.0))
 
 
 def disc_mask(
