@@ -74,7 +74,7 @@ def seen_error(pixel_mm, depth_mm):
     grid = make_field_grid(
         plain, left_mm=places[0], spacing_mm=spacing, nodes=nodes, dtype=np.complex128
     )
-    seen = seen_by(stress_difference(grid, pressure), plain, pixels)
+    seen = seen_by(stress_difference(grid, pressure), plain, pixels.places)
     x, z = pixels.places
     deep = np.flatnonzero(z > depth_mm)[::7]
     truth = stress_components(
@@ -104,7 +104,10 @@ def test_a_picture_that_the_surface_does_not_cross_is_seen_as_a_whole(top_mm):
     z = pixels.places[1]
     # a cubic spline follows a straight line, but for its ends: .268 of a step a row, from four on
     np.testing.assert_allclose(
-        seen_by(slope, grid, pixels), np.where(z >= 0.0, z, 0.0), rtol=0, atol=0.268**4 * 0.02
+        seen_by(slope, grid, pixels.places),
+        np.where(z >= 0.0, z, 0.0),
+        rtol=0,
+        atol=0.268**4 * 0.02,
     )
 
 
@@ -112,7 +115,7 @@ def test_a_small_change_is_seen_by_straight_lines_to_a_32nd_of_a_pixel():
     pixels = replace(PLAIN, left_mm=-0.8, top_mm=-0.1, lens=replace(LENS, **BENT))
     grid = pixels.around()
     plane = grid.x_mm[None, :] + 2j * grid.z_mm[:, None]
-    seen, (x, z) = seen_nearly(plane, grid, pixels), pixels.places
+    seen, (x, z) = seen_nearly(plane, grid, pixels.places), pixels.places
     below = z >= 0.0
     error = np.abs(seen - (x + 2j * z))[below]
     # half of a 32nd along x, and twice that along z
@@ -126,7 +129,7 @@ def test_a_picture_that_is_too_wide_for_straight_lines_is_seen_by_splines():
     grid = pixels.around()
     wavy = np.cos(20.0 * (grid.x_mm[None, :] + grid.z_mm[:, None])).astype(np.float32)
     np.testing.assert_array_equal(
-        seen_nearly(wavy, grid, pixels), seen_by(wavy, grid, pixels), strict=True
+        seen_nearly(wavy, grid, pixels.places), seen_by(wavy, grid, pixels.places), strict=True
     )
 
 

@@ -427,6 +427,27 @@ def elastic_state(
     return _state(site, stop, contact, depth_mm)
 
 
+def pressed_again(scene: Scene, state: SurfaceState, share: float) -> SurfaceState:
+    """A state's surface, as it is worn, under `share` times the load: what the load changes of the
+    tractions is added to those that are there. PhysicsError where it does not converge."""
+    site, load = make_site(scene, state.grid), scene.load_at(state.distance_m)
+    assert scene.specimen.thickness_mm is not None
+    pressed = []
+    for line in load / scene.specimen.thickness_mm * np.array([1.0, share]):
+        if state.sliding or scene.friction is None:
+            stop = OutputState(state.distance_m, 0.0, float(line), state.friction)
+            pressed.append(elastic_state(site, state.wear_depth_mm, stop))
+        else:
+            held = scene.load.tangential_n if scene.load else None
+            pressed.append(_static_state(site, float(line), held))
+    now, then = pressed
+    return replace(
+        state, pressure_mpa=state.pressure_mpa + (then.pressure_mpa - now.pressure_mpa),
+        shear_mpa=state.shear_mpa + (then.shear_mpa - now.shear_mpa),
+        scar_edges_mm=then.edges_mm,
+    )  # fmt: skip
+
+
 def _scar_state(
     site: ContactSetup, history: SlidingHistory, scar: Scar, sharp_depth: Floats | None
 ) -> SurfaceState:

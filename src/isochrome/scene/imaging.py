@@ -319,6 +319,9 @@ class Camera(ScenePart):
         the side.
     keystone_z : float, default 0.0
         The same at the middle of the lower edge, by one that looks from above or below.
+    focus_mm : float, default 0.0
+        Distance from the middle of the plate to the plane in focus, towards the camera, mm: light
+        that stresses bend then comes from another place.
     bit_depth : int, optional
         Bits of a grey level.
     brightness : float, default 1.0
@@ -353,6 +356,7 @@ class Camera(ScenePart):
     distortion: Bend = 0.0
     keystone_x: Bend = 0.0
     keystone_z: Bend = 0.0
+    focus_mm: Finite = 0.0
     bit_depth: Annotated[int, Field(ge=1, le=16)] | None = None
     brightness: Annotated[float, Field(gt=0, le=10)] = 1.0
     background: Annotated[NonNegative, Field(le=1)] = 0.0

@@ -66,6 +66,13 @@ class Specimen(imaging.ScenePart):
         Left side of a block from the contact's centre, mm; absent: the contact is in the middle.
     support : {'fixed', 'sliding'}, default 'fixed'
         Whether a block's lower side is fixed or slides on its support.
+    edge_stress_mpa : float, default 0.0
+        Stress along a machined surface, as cutting leaves it: sigma_x at the surface, MPa.
+    edge_depth_mm : float, default 0.3
+        Depth over which the stress along a machined surface falls to 1/e, mm.
+    caustic_constant_mm2_per_n : float, default 1e-4
+        Change of the optical path over thickness and over sigma_1 + sigma_2, mm²/N, by which light
+        is bent; 1e-4 is that of acrylics and epoxies, to some 20 %.
     """
 
     shape: Literal["block", "disc", "beam", "ring", "other"] | None = None
@@ -80,6 +87,9 @@ class Specimen(imaging.ScenePart):
     width_mm: imaging.Positive | None = None
     left_mm: imaging.Finite | None = None
     support: Literal["fixed", "sliding"] = "fixed"
+    edge_stress_mpa: imaging.Finite = 0.0
+    edge_depth_mm: imaging.Positive = 0.3
+    caustic_constant_mm2_per_n: imaging.Finite = 1e-4
 
     @model_validator(mode="after")
     def _hole_inside(self) -> Specimen:
@@ -179,6 +189,10 @@ class Load(imaging.ScenePart):
         Distance between the inner rollers of a beam, mm.
     outer_span_mm : float, optional
         Distance between the outer rollers of a beam, mm.
+    tilt : float, default 0.0
+        Relative change of a contact's load through the thickness, 1/mm: p(y) = p (1 + tilt y).
+    swing : float, default 0.0
+        Relative amplitude by which a contact's load swings within an exposure, as a sine.
     added_tractions : AddedTractions, optional
         Tractions of a contact besides its model's, as a fit finds them.
     """
@@ -190,6 +204,8 @@ class Load(imaging.ScenePart):
     bulk_along_z_mpa_per_mm: imaging.Finite | None = None
     inner_span_mm: imaging.Positive | None = None
     outer_span_mm: imaging.Positive | None = None
+    tilt: imaging.Finite = 0.0
+    swing: Annotated[float, Field(ge=0, lt=1)] = 0.0
     added_tractions: AddedTractions | None = None
 
 

@@ -130,6 +130,9 @@ class Scene(ScenePart):
         energy = wear is not None and wear.law == "dissipated_energy"
         return {
             "contact_needs_indenter": not contact and self.contact != parts.Contact(),
+            "edge_stress_needs_contact": not contact and self.specimen.edge_stress_mpa,
+            "focus_needs_contact": not contact and self.bend_mm2_per_mpa,
+            "swing_needs_contact": not contact and self.load is not None and self.load.swing,
             "friction_wear_need_indenter": not contact and (rubs or wear),
             "scar_needs_wear_which": self.scar and wear is None,
             "wear_law_dissipated_energy_needs": energy and not rubs,
@@ -202,6 +205,13 @@ class Scene(ScenePart):
     def layer_mm_per_mpa(self) -> float:
         """Compliance of what lies between the bodies of a contact, mm/MPa."""
         return 1e-3 * self.contact.layer_um_per_mpa
+
+    @property
+    def bend_mm2_per_mpa(self) -> float:
+        """How far light is seen beside its place over the gradient of sigma_1 + sigma_2: d C h."""
+        focus = self.camera.focus_mm if self.camera else 0.0
+        specimen = self.specimen
+        return focus * specimen.caustic_constant_mm2_per_n * (specimen.thickness_mm or 0.0)
 
     @property
     def added_tractions(self) -> parts.AddedTractions | None:

@@ -19,6 +19,8 @@ from .rendering import (
     state_difference,
     stress_map,
     surface_tractions,
+    swing_states,
+    swung_order,
 )
 
 __all__ = [
@@ -46,4 +48,6 @@ __all__ = [
     "state_difference",
     "stress_map",
     "surface_tractions",
+    "swing_states",
+    "swung_order",
 ]

@@ -7,7 +7,7 @@ process solves it once, as far as it needs it, a tenth of what rendering costs.
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from isochrome import optics
-from isochrome.contact import SurfaceState, iter_contact_states
+from isochrome.contact import SurfaceState, iter_contact_states, pressed_again
 from isochrome.errors import InputError, PhysicsError
 from isochrome.messages import message
 from isochrome.output import csv_text, evenly_spaced
@@ -177,17 +177,53 @@ def state_difference(scene: Scene, state: SceneState, pixels: PixelGrid) -> Stre
     return specimen_model(scene).difference(scene, state.surface, pixels)
 
 
-def make_picture(scene: Scene, difference: StressDifference, pixels: PixelGrid) -> Picture:
-    """Fringe order, mask and visibility of a stress field (sigma_x - sigma_z) + 2i tau_xz, MPa."""
+def swing_states(scene: Scene, state: SceneState) -> tuple[SceneState, ...]:
+    """A state at the moments of an exposure over which the load swings; none where it does not.
+
+    A mean over a sine, P (1 + s cos φ), is one over cos φ = 0, ±√3/2, exact to the fifth power of s
+    (Abramowitz & Stegun, 1964, 25.4.38): the state itself is the moment between.
+    """
+    swing = scene.load.swing if scene.load else 0.0
+    if not swing or state.surface is None:
+        return ()
+    surfaces = (
+        pressed_again(scene, state.surface, 1.0 + sign * 0.75**0.5 * swing) for sign in (-1, 1)
+    )
+    return tuple(replace(state, surface=surface) for surface in surfaces)
+
+
+def swung_order(order: Array, moments: Sequence[Array]) -> tuple[Array, Array]:
+    """The order N that a mean over some moments shows, and what it leaves of the fringes' contrast.
+    <cos 2πN_k> = v cos 2πN: the mean of turning pointers."""
+    turns = sum(np.exp(2j * np.pi * (moment - order)) for moment in moments)
+    pointer = (1.0 + turns) / (1 + len(moments))
+    return order + np.angle(pointer) / (2.0 * np.pi), np.abs(pointer)
+
+
+def make_picture(
+    scene: Scene,
+    difference: StressDifference,
+    pixels: PixelGrid,
+    moments: Sequence[StressDifference] = (),
+) -> Picture:
+    """Fringe order, mask and visibility of a stress field (sigma_x - sigma_z) + 2i tau_xz, MPa, and
+    of those at other `moments` of the exposure."""
     thickness, value = scene.specimen.thickness_mm, scene.specimen.fringe_value_n_per_mm
     assert thickness is not None and value is not None
-    order = optics.fringe_order(difference, thickness_mm=thickness, fringe_value_n_per_mm=value)
+    order, *others = (
+        optics.fringe_order(field, thickness_mm=thickness, fringe_value_n_per_mm=value)
+        for field in (difference, *moments)
+    )
+    contrast: Array | float = 1.0
+    if others:
+        order, contrast = swung_order(order, others)
     material = np.isfinite(order)
     if scene.model:  # of any other specimen the field itself says where it is
         material &= specimen_model(scene).inside(pixels)
     order = order if material.all() else np.where(material, order, np.nan)
     visibility, too_fine = optics.pixel_visibility(order)
-    return Picture(difference, order, optics.mean_order(order), material, visibility, too_fine)
+    shown = optics.mean_order(order)
+    return Picture(difference, order, shown, material, visibility * contrast, too_fine)
 
 
 def picture_signal(scene: Scene, picture: Picture, step: int | None = None) -> Array:
@@ -367,7 +403,11 @@ def render(
             raise PhysicsError(
                 "contact_mm_wide_wider", name=scene.name, contact_width_mm=wide, width=width
             )
-        picture = make_picture(scene, state_difference(scene, state, pixels), pixels)
+        difference, *moments = (
+            state_difference(scene, moment, pixels)
+            for moment in (state, *swing_states(scene, state))
+        )
+        picture = make_picture(scene, difference, pixels, moments)
         refuse_too_fine(scene, picture)
         rng = np.random.default_rng([scene.camera.seed, index])
         frames = [

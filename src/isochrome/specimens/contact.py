@@ -20,27 +20,39 @@ class HalfPlane(SpecimenModel):
     def components(self, scene: Scene, surface: Acting, pixels: PixelGrid) -> StressComponents:
         """Stress components below the surface."""
         assert surface is not None
-        plain = pixels.around()
-        grid = surface_field_grid(plain, surface.grid, scene.numerics.tolerance)
+        grid, places = self._looked_at(scene, surface, pixels)
         trace = stress.stress_trace(grid, surface.pressure_mpa, surface.shear_mpa)
-        trace = stress.seen_by(trace, plain, pixels)
+        if grid.pixels != pixels:
+            trace = stress.seen_by(trace, grid.pixels, places)
         added = self.added_stress(scene, surface, pixels)
         if added:
-            trace += added.trace(*pixels.places).astype(trace.dtype)
+            trace += added.trace(*places).astype(trace.dtype)
         return StressComponents.from_invariants(self.difference(scene, surface, pixels), trace)
 
     def difference(self, scene: Scene, surface: Acting, pixels: PixelGrid) -> StressDifference:
         """The stress difference alone, which takes half the work."""
         assert surface is not None
-        plain = pixels.around()
-        grid = surface_field_grid(plain, surface.grid, scene.numerics.tolerance)
+        grid, places = self._looked_at(scene, surface, pixels)
         shear = surface.shear_mpa if surface.shear_mpa.any() else None
         field = stress.stress_difference(grid, surface.pressure_mpa, shear)
-        field = stress.seen_by(field, plain, pixels)
+        if grid.pixels != pixels:
+            field = stress.seen_by(field, grid.pixels, places)
         added = self.added_stress(scene, surface, pixels)
         if added:
-            field += added.difference(*pixels.places).astype(field.dtype)
+            field += added.difference(*places).astype(field.dtype)
         return field
+
+    def _looked_at(
+        self, scene: Scene, surface: SurfaceState, pixels: PixelGrid
+    ) -> tuple[stress.FieldGrid, stress.Places]:
+        """Kernels to a plain grid, of the pixels or around them, and the places that are seen."""
+        bend = scene.bend_mm2_per_mpa
+        plain = pixels.around(bent=bend != 0.0)
+        grid = surface_field_grid(plain, surface.grid, scene.numerics.tolerance)
+        if not bend:
+            return grid, pixels.places
+        gradient = stress.trace_gradient(grid, surface.pressure_mpa, surface.shear_mpa)
+        return grid, stress.bent_places(gradient, plain, pixels, bend)
 
     def inside(self, pixels: PixelGrid) -> Mask:
         """Below the surface: a pixel that it cuts sees the indenter too."""
@@ -48,7 +60,7 @@ class HalfPlane(SpecimenModel):
 
     def trusted(self, scene: Scene, pixels: PixelGrid, hidden_mm: float) -> Mask:
         """From `hidden_mm` below the surface on: above it the stress is steep."""
-        if pixels.lens is not None:
+        if pixels.lens is not None or scene.bend_mm2_per_mpa:
             hidden_mm += _SPLINE_PX * pixels.pixel_mm
         return np.asarray(pixels.places[1] >= hidden_mm)
 
@@ -62,8 +74,10 @@ class HalfPlane(SpecimenModel):
         return stress.largest_shear(x, p, q, within=pixels.window, regular=added)
 
     def added_stress(self, scene: Scene, surface: SurfaceState, pixels: PixelGrid) -> RegularStress:
-        """The bulk stress, and what sides add."""
+        """The bulk stress, a machined edge's, and what sides add."""
         load, sides = scene.load, self.side_stress(scene, surface, pixels)
+        edge = scene.specimen.edge_stress_mpa, scene.specimen.edge_depth_mm
+        sides += RegularStress(edges=(edge,) if edge[0] else ())
         if load is None:
             return sides
         slope = complex(load.bulk_along_x_mpa_per_mm or 0.0, load.bulk_along_z_mpa_per_mm or 0.0)

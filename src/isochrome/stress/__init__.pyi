@@ -2,8 +2,10 @@ from .block_fem import Sampled, Sides, corrections
 from .field import (
     Lens,
     PixelGrid,
+    Places,
     StressComponents,
     StressDifference,
+    bent_places,
     pixel_grid,
     principal_direction,
     seen_by,
@@ -30,6 +32,7 @@ from .half_plane import (
     stress_components,
     stress_difference,
     stress_trace,
+    trace_gradient,
 )
 from .half_plane_series import SeriesField, SeriesGrid, make_series_grid, series_difference
 
@@ -43,6 +46,7 @@ __all__ = [
     "FieldGrid",
     "Lens",
     "PixelGrid",
+    "Places",
     "PointForce",
     "RegularStress",
     "Sampled",
@@ -52,6 +56,7 @@ __all__ = [
     "Sides",
     "StressComponents",
     "StressDifference",
+    "bent_places",
     "cauchy_of_hat",
     "corrections",
     "field_dtype",
@@ -69,4 +74,5 @@ __all__ = [
     "stress_components",
     "stress_difference",
     "stress_trace",
+    "trace_gradient",
 ]

@@ -24,10 +24,11 @@ along the surface, bending, sides and support, is a power series of its complex 
     (sigma_x - sigma_z) + 2i tau  = Σ Re(s_n) ζ^n - i z Σ n s_n ζ^(n-1),
 
 free of tractions at z = 0 for any s_n (MPa/mm^n): s_0 is sigma_x along the surface, Re s_1 its
-change along x, Im s_1 its change along z, pure bending. Sources: Johnson (1985), Contact Mechanics,
-2.3; Muskhelishvili (1953), Some Basic Problems of the Mathematical Theory of Elasticity, sections
-32, 90 and 93; Davis (1963), Interpolation and Approximation, section 3.6; Brandt & Lubrecht (1990),
-Journal of Computational Physics 90.
+change along x, Im s_1 its change along z, pure bending; and the residual stress of machining,
+sigma_x = s exp(-z/λ). Sources: Johnson (1985), Contact Mechanics, 2.3; Muskhelishvili (1953), Some
+Basic Problems of the Mathematical Theory of Elasticity, sections 32, 90 and 93; Davis (1963),
+Interpolation and Approximation, section 3.6; Brandt & Lubrecht (1990), Journal of Computational
+Physics 90.
 """
 
 from __future__ import annotations
@@ -207,29 +208,36 @@ class RegularStress:
     """A regular stress by its power series, free of tractions on the surface."""
 
     series: tuple[complex, ...] = ()  # the terms s_n, MPa/mm^n; empty for no stress
+    edges: tuple[tuple[float, float], ...] = ()  # s (MPa) and λ (mm) of each machined edge
 
     def __add__(self, other: RegularStress) -> RegularStress:
         pairs = zip_longest(self.series, other.series, fillvalue=0j)
-        return RegularStress(tuple(a + b for a, b in pairs))
+        return RegularStress(tuple(a + b for a, b in pairs), self.edges + other.edges)
 
     def __bool__(self) -> bool:
-        return any(self.series)
+        return any(self.series) or any(s for s, _ in self.edges)
 
     def times(self, factor: float) -> RegularStress:
         """The same stress, a factor larger."""
-        return RegularStress(tuple(factor * s for s in self.series))
+        edges = tuple((factor * s, depth) for s, depth in self.edges)
+        return RegularStress(tuple(factor * s for s in self.series), edges)
 
     def difference(self, x_mm: Floats, z_mm: Floats) -> Complexes:
         """(sigma_x - sigma_z) + 2i tau_xz at places of shapes that broadcast (mm), MPa."""
         x, z = np.asarray(x_mm, float), np.asarray(z_mm, float)
         terms, zeta = np.array(self.series or (0j,)), x - 1j * z
         slope = polyval(zeta, (np.arange(len(terms)) * terms)[1:]) if len(terms) > 1 else 0j
-        return np.asarray(polyval(zeta, terms.real) - 1j * z * slope)
+        return np.asarray(polyval(zeta, terms.real) - 1j * z * slope + self._along_edges(z))
 
     def trace(self, x_mm: Floats, z_mm: Floats) -> Floats:
         """sigma_x + sigma_z at places of shapes that broadcast (mm), MPa."""
         zeta = np.asarray(x_mm, float) - 1j * np.asarray(z_mm, float)
-        return np.asarray(polyval(zeta, np.array(self.series or (0j,))).real)
+        smooth = polyval(zeta, np.array(self.series or (0j,))).real
+        return np.asarray(smooth + self._along_edges(np.asarray(z_mm, float)))
+
+    def _along_edges(self, z_mm: Floats) -> Floats:
+        """sigma_x of machined edges, MPa."""
+        return np.asarray(sum(s * np.exp(-z_mm / depth) for s, depth in self.edges))
 
 
 NO_STRESS = RegularStress()
@@ -385,6 +393,23 @@ def stress_trace(grid: FieldGrid, pressure_mpa: Floats, shear_mpa: Floats | None
     for band in grid.bands:
         convolve_rows(band, [(band.cauchy, traction)], field[band.rows])
     return np.ascontiguousarray(field.real)
+
+
+def trace_gradient(
+    grid: FieldGrid, pressure_mpa: Floats, shear_mpa: Floats | None = None
+) -> Complexes:
+    """d/dx + i d/dz of sigma_x + sigma_z (rows, cols), MPa/mm, of tractions (n,); 0 down to the
+    surface, where it may have no limit. The sum is the real part of an analytic function of ζ, of
+    which this is the derivative, (2/π) ∫ (q - ip)/(ζ-t)² dt."""
+    field = _empty_field(grid, pressure_mpa, shear_mpa)
+    traction = pressure_mpa if shear_mpa is None else pressure_mpa + 1j * shear_mpa
+    depths = grid.pixels.z_mm[:, None]
+    for band in grid.bands:
+        convolve_rows(band, [(band.slope, traction)], field[band.rows])
+        z = depths[band.rows]
+        below = z > _ON_SURFACE * grid.pixels.pixel_mm
+        field[band.rows] *= np.divide(1j, z, out=np.zeros(z.shape, complex), where=below)
+    return field
 
 
 def _empty_field(grid: FieldGrid, *tractions: Floats | None) -> StressDifference:

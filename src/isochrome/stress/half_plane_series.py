@@ -92,6 +92,7 @@ class SeriesField:
     difference: StressDifference  # (sigma_x - sigma_z) + 2i tau_xz, MPa
     along: StressDifference | None  # its derivative along x, MPa/mm; None: not asked for
     down: StressDifference | None  # along z
+    bending: Complexes | None = None  # d/dx + i d/dz of sigma_x + sigma_z, MPa/mm
 
     @property
     def slopes(self) -> tuple[StressDifference | None, StressDifference | None]:
@@ -101,16 +102,19 @@ class SeriesField:
 
 def series_difference(
     grid: SeriesGrid, *, x_mm: float, z_mm: float, left_mm: float, pressure_mpa: Floats,
-    shear_mpa: Floats | None = None, slopes: bool = False, least_mm: float = 0.0,
+    shear_mpa: Floats | None = None, slopes: bool = False, bending: bool = False,
+    least_mm: float = 0.0,
 ) -> SeriesField:  # fmt: skip
-    """(sigma_x - sigma_z) + 2i tau_xz on a lattice of pixels, and with `slopes` its derivatives.
+    """(sigma_x - sigma_z) + 2i tau_xz on a lattice of pixels, and with `slopes` its derivatives,
+    with `bending` the gradient of sigma_x + sigma_z.
     Errs by 2e-7 of the largest traction; the slopes lack those of the repetitions, 1e-3 of them.
     `x_mm`, `z_mm`: the first pixel's centre; `left_mm`: the first node. Tractions (n,), MPa, are
     linear between nodes and zero beyond. Nothing is computed above `least_mm`: rows near the
     surface cost most. ValueError where a pixel is beyond the series' reach."""
     depth = z_mm + grid.pitch_mm * np.arange(grid.rows)
     first = int(np.searchsorted(depth, max(least_mm, SHALLOWEST * grid.spacing_mm)))
-    maps = [np.zeros((grid.rows, grid.cols), np.complex64) for _ in range(3 if slopes else 1)]
+    count = 1 + 2 * slopes + bending
+    maps = [np.zeros((grid.rows, grid.cols), np.complex64) for _ in range(count)]
     if first < grid.rows:
         groups, stop = [], first
         while stop < grid.rows:  # neighbouring rows that are alike: to four times a depth
@@ -118,7 +122,7 @@ def series_difference(
             groups.append(slice(start, stop))
         few = [_few(depth[rows]) for rows in groups]
         fields = _repeated(
-            grid, float(depth[first]), x_mm, left_mm, pressure_mpa, shear_mpa, few, len(maps)
+            grid, float(depth[first]), x_mm, left_mm, pressure_mpa, shear_mpa, few, slopes, bending
         )
         z, span = np.concatenate(few), (float(depth[0]), float(depth[-1]))
         fields[0] -= _repetitions(grid, x_mm, z, span, left_mm, pressure_mpa, shear_mpa)
@@ -130,14 +134,16 @@ def series_difference(
                 else:  # a real matrix times a complex one, by one product of real matrices
                     between = _between(len(part[rows]))
                     np.matmul(between, made.view(np.float32), out=part[rows].view(np.float32))
-    return SeriesField(maps[0], *(maps[1:] if slopes else (None, None)))
+    along, down = maps[1:3] if slopes else (None, None)
+    return SeriesField(maps[0], along, down, maps[-1] if bending else None)
 
 
 def _repeated(
     grid: SeriesGrid, shallowest_mm: float, x_mm: float, left_mm: float, pressure: Floats,
-    shear: Floats | None, depths: list[Floats], count: int,
+    shear: Floats | None, depths: list[Floats], steep: bool, bending: bool,
 ) -> Complexes:  # fmt: skip
-    """The repeated tractions' field in rows of depths that are alike; of `count` 3 its slopes.
+    """The repeated tractions' field in rows of depths that are alike, where `steep` its slopes, and
+    where light is `bending` the gradient of the sum.
     Waves that the pixels cannot tell apart are added before the transform."""
     n, length = np.arange(_count(grid, shallowest_mm)), grid.length
     kappa = (2.0 * np.pi / grid.period_mm) * n
@@ -152,6 +158,7 @@ def _repeated(
         cauchy[0] *= 0.5
         cauchy = cauchy.astype(np.complex64)
     kappa = kappa.astype(np.float32)
+    count = 1 + 2 * steep + bending
     spectra = np.zeros((count, sum(map(len, depths)), length), np.complex64)
     row = 0
     for depth in depths:
@@ -167,9 +174,11 @@ def _repeated(
                 spectrum += cauchy[waves]
             spectrum *= decay
             part[0, :, :size] += spectrum
-            if count > 1:
+            if steep:
                 part[1, :, :size] += spectrum * (np.complex64(-1j) * k)
                 part[2, :, :size] += decay * slope - k * spectrum
+            if bending:
+                part[-1, :, :size] += decay * (np.complex64(1j) * slope)
     return np.asarray(scipy.fft.fft(spectra, axis=2, overwrite_x=True)[..., : grid.cols])
 
 

@@ -26,7 +26,18 @@ from isochrome.fitting.causes.modes import TractionModes, traction_modes
 from isochrome.fitting.frame.far_model import by_field
 from isochrome.fitting.frame.frame_model import gamma_slope, trust_of_slopes
 from isochrome.fitting.frame.renderer import SceneRenderer, scene_optics
-from isochrome.fitting.frame.unknowns import BLUR, GAMMA, LENS, PIXEL, SMOOTH_KEYS, thinning
+from isochrome.fitting.frame.unknowns import (
+    BLUR,
+    EDGE,
+    FOCUS,
+    GAMMA,
+    LENS,
+    PIXEL,
+    SMOOTH_KEYS,
+    SWING,
+    TILT,
+    thinning,
+)
 from isochrome.scene import Scene
 from isochrome.stress import PixelGrid, pixel_grid, regular_modes
 
@@ -45,6 +56,8 @@ SHADOW_BLOCKS = 5
 """Depth in blocks that a shadow on the surface may reach: it fades, and its end is not seen."""
 
 _SOLVED = {key: cause.sizes[0] for cause in (PAST, MODULUS, SOFT) for key in cause.keys}
+_MECHANICAL = TILT, SWING
+"""Keys of a contact's load that enter by their square."""
 _PART = 0.01
 """Part of a cause's size by which it is changed for its column: above what a contact's own
 tolerance moves."""
@@ -128,10 +141,7 @@ class FrameBlocks:
         beside = self._depth[::BLOCK, ::BLOCK] < SHADOW_BLOCKS * side
         self.beside = beside if self.scene.is_contact else None
         self._renderer = solved.renderer
-        # as the fit last had them
-        field, shown = solved.renderer.order_field(self.scene)
-        field = np.nan_to_num(self.thin(solved.renderer.whole(self.scene, field)))
-        self._fields = field, self.thin(np.broadcast_to(shown, keep.shape))
+        self._fields = self._seen(self.scene)  # as the fit last had them
 
     @property
     def region(self) -> NDArray[np.intp]:
@@ -189,7 +199,7 @@ class FrameBlocks:
         if cause.even:
             changed = dict(zip(cause.keys, cause.starts, strict=True))
             step = self._signal(self.scene.with_values(changed)) - self._here
-            if cause.keys[0] == BAND:
+            if cause.keys[0] in (BAND, *_MECHANICAL):
                 return np.asarray(step * self._gain)[None]
             first, size = cause.keys[0], changed[cause.keys[0]]
             ahead, behind = (
@@ -232,6 +242,19 @@ class FrameBlocks:
             mode = regular_modes(1)[SMOOTH_KEYS.index(key)]
             return self._turned(mode.difference(x, np.maximum(z, 0.0)).astype(np.complex64))
         value = float(self.scene.get(key) or 0.0)
+        if key in EDGE:
+            stress, depth = map(self.scene.get, EDGE)
+            _, z = self._places(self.scene)
+            change = np.exp(-np.maximum(z, 0.0) / depth)
+            if key != EDGE[0]:
+                change *= stress * z / depth**2
+            return self._turned(change.astype(np.complex64))
+        if key == FOCUS:
+            per_mm = self.scene.with_values({FOCUS: 1.0}).bend_mm2_per_mpa
+            gradient = self.thin(self._renderer.gradient(self.scene))
+            down, across = self._slopes
+            change = across * gradient.real + down * gradient.imag
+            return np.asarray(change * self._gain * (-per_mm / self.scene.get(PIXEL)))
         if key == FRINGE_VALUE:
             return self._turned(self._fields[0] / np.float32(-value))
         if key in _SOLVED:
@@ -306,9 +329,17 @@ class FrameBlocks:
         return x, z
 
     def _signal(self, scene: Scene) -> Array:
-        """The signal at the blocks for a scene's own optics."""
+        """The signal at the blocks for a scene's own optics, and tilt and swing of its load."""
         field, shown = self._fields
+        if any(scene.get(key) != self.scene.get(key) for key in _MECHANICAL):
+            field, shown = self._seen(scene)
         return scene_optics(scene).signal(field, visibility=shown)
+
+    def _seen(self, scene: Scene) -> tuple[Array, Array]:
+        """A scene's field and the fringes' contrast in it, at the blocks."""
+        field, shown = self._renderer.order_field(scene)
+        field = np.nan_to_num(self.thin(self._renderer.whole(scene, field)))
+        return field, self.thin(np.broadcast_to(shown, self.data.shape))
 
 
 def less_means(values: Array, lines: Array, share: float) -> Array:

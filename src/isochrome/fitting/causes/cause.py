@@ -5,11 +5,15 @@ from dataclasses import dataclass, replace
 from isochrome.fitting.frame.unknowns import (
     BLUR,
     EARLIER,
+    EDGE,
+    FOCUS,
     GAMMA,
     LAYER,
     LENS,
     PIXEL,
     SMOOTH_KEYS,
+    SWING,
+    TILT,
     StatedInputs,
 )
 from isochrome.scene import Scene
@@ -80,14 +84,20 @@ MODULUS = Cause(
 )
 # the asperities of a surface that was ground or milled
 SOFT = Cause("a soft or rough layer between the bodies", (LAYER,), (0.05,))
+# cutters leave some tenths of a MPa; an objective's depth of field
+MACHINED = Cause("stress along a machined surface", EDGE, (0.3, 0.15))
+DEFOCUSED = Cause("a focus off the middle of the plate", (FOCUS,), (0.3,))
+# a cylinder that is a twentieth of a degree off; a shaft's run-out
+SLANTED = Cause("a load that is uneven through the thickness", (TILT,), (0.1,), even=True)
+SWUNG = Cause("a load that swings within the exposure", (SWING,), (0.02,), even=True)
 SCALE = Cause("the pixel's size", (PIXEL,), (0.003,), free=False)
 STIFF = Cause("the fringe value", (FRINGE_VALUE,), (0.05,), free=False)
 
 STATED = "what the scene states with an uncertainty"
 
 CAUSES = (
-    ROLL, DISTORTION, SIDE, ABOVE, TONE, BLURRED, TURNED, WIDE, SMOOTH, PAST, MODULUS, SOFT, SCALE,
-    STIFF,
+    ROLL, DISTORTION, SIDE, ABOVE, TONE, BLURRED, TURNED, WIDE, SMOOTH, PAST, MODULUS, SOFT,
+    MACHINED, DEFOCUSED, SLANTED, SWUNG, SCALE, STIFF,
 )  # fmt: skip
 
 OF_PRESSURE = frozenset((MODULUS.name, SOFT.name))
@@ -126,8 +136,10 @@ def _without(cause: Cause, keys: tuple[str, ...]) -> Cause:
 def _has(scene: Scene, key: str) -> bool:
     """Whether a key is a number, or may become one, in a scene."""
     polariscope = scene.polariscope
-    if key in (*SMOOTH_KEYS, YOUNG):
+    if key in (*SMOOTH_KEYS, YOUNG, *EDGE, FOCUS):
         return scene.is_contact
+    if key in (TILT, SWING):  # of an even one all is weighed: a stated one would be found again
+        return scene.is_contact and not scene.get(key)
     if key == LAYER:  # sliding wears it off
         return scene.is_contact and scene.wear is None
     if key in (PIXEL, FRINGE_VALUE):  # in a contact they look like its modulus
@@ -136,7 +148,7 @@ def _has(scene: Scene, key: str) -> bool:
         return bool(scene.wear and scene.friction and min(scene.wear.distances_m) > 0.0)
     if key in PLATES:
         return polariscope.field != "plane" and not polariscope.step
-    if key == BLUR:  # the effect of all of it is weighed: a stated one would be found again
+    if key == BLUR:
         return scene.camera is not None and not scene.camera.blur_px
     if key == BAND:
         return polariscope.wavelength_nm is not None and not polariscope.several_wavelengths

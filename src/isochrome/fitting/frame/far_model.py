@@ -22,7 +22,7 @@ from isochrome.fitting.frame.frame_model import (
     turned_row,
 )
 from isochrome.fitting.frame.renderer import FringeOptics, scene_optics
-from isochrome.fitting.frame.unknowns import BLUR, moved_scene, scales
+from isochrome.fitting.frame.unknowns import BLUR, SWING, moved_scene, scales
 
 TOLERANCE = 0.5
 """Last step, in standard uncertainties."""
@@ -33,7 +33,7 @@ _PASSES = 12
 """Steps of a fit."""
 _DEGREES = 5.0
 """Degrees of freedom of the noise's Student's t."""
-_OPTICAL = ("polariscope.", "frames.", "specimen.fringe_value", "specimen.thickness", BLUR)
+_OPTICAL = ("polariscope.", "frames.", "specimen.fringe_value", "specimen.thickness", BLUR, SWING)
 """How keys begin that change more than the field, or something else."""
 _AMPLITUDE = np.float32(0.03)
 """Change of an amplitude, in standard deviations of its prior."""

@@ -29,6 +29,8 @@ from isochrome.fitting.frame.single_state import with_numerics
 from isochrome.fitting.frame.unknowns import (
     BLUR,
     GAMMA,
+    SWING,
+    TILT,
     StatedInputs,
     fit_region,
     free_keys,
@@ -121,8 +123,8 @@ _HALO = 2.5
 """Standard deviations of a blur by which that depth grows (measured at 1.5 px: friction errs by 16
 of its uncertainties without, by less than one with)."""
 
-_LEAST_BLUR_PX = 0.3
-"""Where a free blur starts at least: from none it has no slope."""
+_LEAST = {BLUR: 0.3, SWING: 0.01, TILT: 0.05}
+"""Where what enters by its square starts at least: from nought it has no slope."""
 
 _CHANCE = 100.0
 """Wald's statistic of an illumination that noise alone does not reach: it leaves up to 21 where
@@ -261,10 +263,9 @@ def _fit_begun(
 
 
 def _with_some_blur(scene: Scene, keys: tuple[str, ...]) -> Scene:
-    """The scene with a blur, where that is an unknown."""
-    if BLUR in keys and scene.get(BLUR) < _LEAST_BLUR_PX:
-        return scene.with_values({BLUR: _LEAST_BLUR_PX})
-    return scene
+    """The scene with some of what has no slope at nought, where that is an unknown."""
+    least = {k: v for k, v in _LEAST.items() if k in keys and scene.get(k) < v}
+    return scene.with_values(least) if least else scene
 
 
 def is_seen(gamma_fit: LinearPart) -> bool:

@@ -39,7 +39,7 @@ from isochrome.estimation import (
 )
 from isochrome.fitting.arrays import Array, Mask
 from isochrome.fitting.frame.renderer import FringeOptics, SceneRenderer, Solve
-from isochrome.fitting.frame.unknowns import BLUR, GAMMA, limits, moved_scene, scales
+from isochrome.fitting.frame.unknowns import BLUR, GAMMA, SWING, limits, moved_scene, scales
 from isochrome.scene import Scene
 
 _PASSES = 3
@@ -267,7 +267,7 @@ class FrameModel:
                 row[:] = gamma_slope(gamma_fit, self.gamma(values))
                 continue
             first = inward(values[j], step, most)
-            visibility = None if key == BLUR or self._precise else shown
+            visibility = None if key in (BLUR, SWING) or self._precise else shown
             signals: dict[float, Array] = {}
             for sign in (1.0, -1.0):
                 if signals and not self._precise:

@@ -28,12 +28,22 @@ from isochrome.optics import (
     slope_visibility,
 )
 from isochrome.scene import Scene
-from isochrome.simulation import Picture, SceneState, make_picture, scene_states, state_difference
+from isochrome.simulation import (
+    Picture,
+    SceneState,
+    make_picture,
+    scene_states,
+    state_difference,
+    swing_states,
+    swung_order,
+)
 from isochrome.specimens import specimen_model
 from isochrome.stress import (
     PixelGrid,
+    Places,
     SeriesField,
     SeriesGrid,
+    bent_places,
     make_series_grid,
     pixel_grid,
     principal_direction,
@@ -136,7 +146,10 @@ class SceneRenderer:
         self._lattice: tuple[float, ...] = ()
         # the last field and its visibility, with the state and where that stood
         self._last: tuple[SceneState, tuple[Any, ...], Array, Array] | None = None
-        self._behind_lens: tuple[SurfaceState, PixelGrid, bool, SeriesField] | None = None
+        self._behind_lens: tuple[SurfaceState, PixelGrid, tuple[bool, bool], SeriesField] | None = (
+            None
+        )
+        self._swings: tuple[SceneState, float, tuple[SceneState, ...]] | None = None
         self.added: Array | None = None  # a field (rows, cols) besides the scene's own, MPa
         self.waves: Array | None = None  # an order besides, see `with_waves`
 
@@ -149,6 +162,8 @@ class SceneRenderer:
             above = self._above(scene, pixels)
             field = self._seen_by_area(scene, made.difference, above)
             visibility = self._visibility(scene, made, pixels.pixel_mm, above)
+            field, contrast = self._swung(scene, field)
+            visibility = visibility * contrast
             last = self._last = state, key, field, visibility
         return last[2:]
 
@@ -202,7 +217,7 @@ class SceneRenderer:
         camera = scene.camera
         assert camera is not None
         look = camera.roll_deg, camera.distortion, camera.keystone_x, camera.keystone_z
-        place = camera.left_mm, camera.top_mm, camera.pixel_mm
+        place = camera.left_mm, camera.top_mm, camera.pixel_mm, camera.focus_mm
         return scene.load, scene.specimen, *place, look, self._blurred(scene)
 
     def _pixels(self, scene: Scene) -> PixelGrid:
@@ -215,7 +230,32 @@ class SceneRenderer:
             return last[2]
         pixels = self._pixels(scene)
         made = self._field(scene, state, pixels, slopes=False)
-        return self._seen_by_area(scene, made.difference, self._above(scene, pixels))
+        field = self._seen_by_area(scene, made.difference, self._above(scene, pixels))
+        return self._swung(scene, field)[0]
+
+    def _swung(self, scene: Scene, field: Array) -> tuple[Array, Array | float]:
+        """A field as a load shows it that swings within the exposure, and the fringes' contrast."""
+        moments = self.moments(scene)
+        if not moments:
+            return field, 1.0
+        optics, above = scene_optics(scene), self._above(scene, self._pixels(scene))
+        order = optics.order(field)
+        others = [optics.order(self._seen_by_area(scene, other, above)) for other in moments]
+        mean, contrast = swung_order(order, others)
+        share = np.divide(mean, order, out=np.ones_like(order), where=order > 0.0)
+        return np.asarray(field * share), contrast.astype(np.float32)
+
+    def moments(self, scene: Scene) -> tuple[Array, ...]:
+        """Stress differences (rows, cols), MPa, at the other moments of a swinging load."""
+        swing = scene.load.swing if scene.load else 0.0
+        if not swing:
+            return ()
+        state = self.state(scene)
+        if self._swings is None or self._swings[0] is not state or self._swings[1] != swing:
+            self._swings = state, swing, swing_states(scene, state)
+        pixels = self._pixels(scene)
+        fields = (self._field(scene, s, pixels, slopes=False) for s in self._swings[2])
+        return tuple(made.difference for made in fields)
 
     def difference(self, scene: Scene, state: SceneState) -> Array:
         """The stress difference (rows, cols), MPa, of a solved state in the pixels' middles."""
@@ -227,27 +267,34 @@ class SceneRenderer:
         """The field of one state where the scene stands, and its slopes where they are wanted."""
         if state.surface is None:
             return SeriesField(state_difference(scene, state, pixels), None, None)
-        made = self._seen(state.surface, pixels, slopes)
+        made, places = self._seen(scene, state.surface, pixels, slopes)
         regular = specimen_model(scene).added_stress(scene, state.surface, pixels)
         if not regular:
             return made
-        added = regular.difference(*pixels.places).astype(np.complex64)
+        added = regular.difference(*places).astype(np.complex64)
         return replace(made, difference=np.asarray(made.difference + added))
 
-    def _seen(self, surface: SurfaceState, pixels: PixelGrid, slopes: bool) -> SeriesField:
-        """The half-plane's field at the places that the pixels look at."""
-        if pixels.lens is None:
-            return self._waves(surface, pixels, slopes)
-        around, last = pixels.around(_PARTS if self.stride > 1 else 1), self._behind_lens
-        if last is None or last[0] is not surface or last[1] != around or slopes > last[2]:
-            made = self._waves(surface, around, slopes)
-            last = self._behind_lens = surface, around, slopes, made
-        made = last[3]
+    def _seen(
+        self, scene: Scene, surface: SurfaceState, pixels: PixelGrid, slopes: bool
+    ) -> tuple[SeriesField, Places]:
+        """The half-plane's field at the places that the pixels look at, and these."""
+        bend = scene.bend_mm2_per_mpa
+        if pixels.lens is None and not bend:
+            return self._waves(surface, pixels, slopes), pixels.places
+        around = pixels.around(_PARTS if self.stride > 1 else 1, bent=bend != 0.0)
+        asked, last = (slopes, bend != 0.0), self._behind_lens
+        if last is None or last[0] is not surface or last[1] != around or asked > last[2]:
+            made = self._waves(surface, around, *asked)
+            last = self._behind_lens = surface, around, asked, made
+        made, places = last[3], pixels.places
+        if bend:
+            assert made.bending is not None
+            places = bent_places(made.bending, around, pixels, bend)
         of_slopes = (
-            seen_nearly(slope, around, pixels) if slopes and slope is not None else None
+            seen_nearly(slope, around, places) if slopes and slope is not None else None
             for slope in made.slopes
         )
-        return SeriesField(seen_by(made.difference, around, pixels), *of_slopes)
+        return SeriesField(seen_by(made.difference, around, places), *of_slopes), places
 
     def _seen_by_area(self, scene: Scene, field: Array, above: Mask) -> Array:
         """The field with the mean of the order over each pixel in place of that in its middle."""
@@ -294,7 +341,18 @@ class SceneRenderer:
             visibility *= np.exp(np.float32(-2.0 * np.pi**2 * blur) * (across**2 + down**2))
         return visibility
 
-    def _waves(self, surface: SurfaceState, pixels: PixelGrid, slopes: bool) -> SeriesField:
+    def gradient(self, scene: Scene) -> Array:
+        """d/dx + i d/dz of sigma_1 + sigma_2 (rows, cols), MPa/mm, by a contact's tractions."""
+        surface, pixels = self.state(scene).surface, self._pixels(scene)
+        assert surface is not None
+        around = pixels.around()
+        made = self._waves(surface, around, slopes=False, bending=True).bending
+        assert made is not None
+        return made if around is pixels else seen_nearly(made, around, pixels.places)
+
+    def _waves(
+        self, surface: SurfaceState, pixels: PixelGrid, slopes: bool, bending: bool = False
+    ) -> SeriesField:
         """The half-plane's field; the lattice of waves is made again where it does not reach."""
         grid = surface.grid
         lattice = pixels.rows, pixels.cols, pixels.pixel_mm, grid.nodes, grid.spacing_mm
@@ -310,6 +368,7 @@ class SceneRenderer:
                     pressure_mpa=surface.pressure_mpa,
                     shear_mpa=surface.shear_mpa if surface.shear_mpa.any() else None,
                     slopes=slopes,
+                    bending=bending,
                     least_mm=self._hidden_px * pixels.pixel_mm / self.stride,
                 )
             except ValueError:
@@ -388,12 +447,13 @@ def evaluate_model(data: FrameData, scene: Scene, *, difference: Array | None = 
     """
     data = data.as_fitted(scene)
     grid = pixel_grid(scene, data.shape)
+    renderer = SceneRenderer(scene, data.shape)
     if difference is None:
-        renderer = SceneRenderer(scene, data.shape)
         difference = renderer.difference(scene, renderer.state(scene))
+    moments = renderer.moments(scene)
     if data.waves is not None:
         difference = with_waves(scene, difference, cosine_sum(data.shape, data.waves))
-    picture = make_picture(scene, difference, grid)
+    picture = make_picture(scene, difference, grid, moments)
     wave = scene_optics(scene).wave(
         picture.difference, order=picture.mean_order, visibility=picture.visibility
     )

@@ -22,6 +22,8 @@ TANGENTIAL = "load.tangential_n"
 EARLIER = "friction.earlier_change"
 """Another friction while the block wore: the scar's shape remembers it."""
 LAYER = "contact.layer_um_per_mpa"
+FOCUS, SWING, TILT = "camera.focus_mm", "load.swing", "load.tilt"
+EDGE = ("specimen.edge_stress_mpa", "specimen.edge_depth_mm")
 LEFT, TOP, GAMMA, BLUR = "camera.left_mm", "camera.top_mm", "frames.gamma", "camera.blur_px"
 
 LENS = ("camera.roll_deg", "camera.distortion", "camera.keystone_x", "camera.keystone_z")
@@ -34,19 +36,20 @@ along the surface, its change along it, and bending, the first terms of the seri
 `half_plane.regular`. Left out, they go into the load: 0.13 MPa in the paper's block, 0.035 fringe,
 read as 1.3 % of load."""
 
-_SCALES = {BLUR: 100.0, _ROLL: 60.0}
+_SCALES = {_ROLL: 60.0} | dict.fromkeys((BLUR, FOCUS, SWING, TILT), 100.0)
 """Scales that the values themselves do not tell: of a lens a twentieth of a pixel at its edge."""
 
 _BOUNDS = dict.fromkeys((FRICTION, EARLIER), (-2.0, 2.0))
-_BOUNDS |= {GAMMA: (0.2, 5.0), BLUR: (0.0, 50.0), LAYER: (0.0, 10.0), _ROLL: (-45.0, 45.0)}
-_BOUNDS |= dict.fromkeys(_BENT, (-0.1, 0.1))
+_BOUNDS |= {GAMMA: (0.2, 5.0), BLUR: (0.0, 50.0), _ROLL: (-45.0, 45.0)}
+_BOUNDS |= dict.fromkeys(_BENT, (-0.1, 0.1)) | {SWING: (0.0, 0.5)}
+_BOUNDS |= dict.fromkeys((LAYER, TILT), (0.0, 10.0))
 
 _MICROMETRE = 1e-7
 """Wear coefficient (mm²/N) times distance (m) that wears a micrometre under 10 MPa."""
 _LITTLE = 0.01
 """Share of that below which a coefficient says nothing of how far it may change."""
 
-_SIGNED = (LEFT, TOP, TANGENTIAL)
+_SIGNED = (LEFT, TOP, TANGENTIAL, FOCUS, EDGE[0])
 """Unknowns of either sign, which a start at a small value says nothing of."""
 
 
@@ -164,7 +167,7 @@ def thinning(size: int, pixels: int = 30_000) -> int:
 
 
 PIXEL = "camera.pixel_mm"
-_FOLLOWED = (LEFT, TOP, PIXEL, BLUR, GAMMA, *LENS)
+_FOLLOWED = (LEFT, TOP, PIXEL, BLUR, FOCUS, GAMMA, *LENS)
 """What fringes follow of the camera and the frames; all measured numbers of other tables."""
 
 _MATTER = (
