@@ -125,7 +125,10 @@ def series_difference(
             grid, float(depth[first]), x_mm, left_mm, pressure_mpa, shear_mpa, few, slopes, bending
         )
         z, span = np.concatenate(few), (float(depth[0]), float(depth[-1]))
-        fields[0] -= _repetitions(grid, x_mm, z, span, left_mm, pressure_mpa, shear_mpa)
+        repeated = _repetitions(grid, x_mm, z, span, left_mm, pressure_mpa, shear_mpa)
+        fields[0] -= repeated[0]
+        if bending:
+            fields[-1] -= repeated[1]
         ends = np.cumsum([len(places) for places in few])[:-1]
         for rows, made_rows in zip(groups, np.split(fields, ends, axis=1), strict=True):
             for part, made in zip(maps, made_rows, strict=True):
@@ -220,7 +223,8 @@ def _repetitions(
     grid: SeriesGrid, x_mm: float, depth: Floats, span: tuple[float, float], left_mm: float,
     p: Floats, q: Floats | None,
 ) -> Complexes:  # fmt: skip
-    """What the repeated tractions add to the field (depths, cols); `span`, of the picture (mm)."""
+    """What the repeated tractions add to the field and to the gradient of the sum (2, depths,
+    cols); `span`, of the picture (mm)."""
     period, middle = grid.period_mm, left_mm + 0.5 * grid.spacing_mm * (grid.nodes - 1)
     x = x_mm - middle + 0.5 * grid.pitch_mm * (grid.cols - 1) * (1.0 + _COSINES)
     deep, half = 0.5 * (span[0] + span[1]), 0.5 * (span[1] - span[0])
@@ -234,12 +238,13 @@ def _repetitions(
     if q is not None:
         across = grid.spacing_mm * (grid.powers @ q)
         moments = moments + 1j * across
-    total = z[:, None] / period**2 * np.polynomial.polynomial.polyval(v, grid.poles @ moments)
+    steep = np.polynomial.polynomial.polyval(v, grid.poles @ moments) / period**2
+    total = z[:, None] * steep
     if q is not None:
         total = total + np.polynomial.polynomial.polyval(v, grid.pairs @ across) / period
-    total = (-2.0 / np.pi * total).astype(np.complex64)
+    both = (-2.0 / np.pi * np.array([total, 1j * steep])).astype(np.complex64)
     down = _interpolation((depth - deep) / half if half else np.zeros(len(depth)))
-    return np.asarray((down.astype(np.float32) @ total) @ grid.across)
+    return np.asarray((down.astype(np.float32) @ both) @ grid.across)
 
 
 def _power_series() -> tuple[Floats, Floats]:
