@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from isochrome.contact.pressure import Floats, read_profile, undeformed_gap
-from isochrome.errors import PhysicsError
+from isochrome.errors import InputError, PhysicsError
 from isochrome.scene import UNDOUBTED_MM, Scene
 
 STEEPEST = 0.3
@@ -51,15 +51,19 @@ class ContactGrid:
 def elastic_constants(scene: Scene) -> tuple[float, float]:
     """E* (MPa) and 1/G* (1/MPa) of a scene with an indenter, in its plane strain or plane stress.
     1/E* = Σ (1-nu²)/E and 1/G* = (1-2nu1)/G1 - (1-2nu2)/G2 in plane strain; plane stress is the
-    same with nu/(1+nu) for nu at unchanged G. Source: Johnson (1985), sections 2.4 and 5.4;
-    Timoshenko & Goodier (1970), section 16, for the exchange."""
+    same with nu/(1+nu) for nu at unchanged G; a plate between them has its share of both. Source:
+    Johnson (1985), sections 2.4 and 5.4; Timoshenko & Goodier (1970), section 16, for the
+    exchange."""
     block, other = scene.specimen, scene.indenter
     assert other is not None and block.young_gpa is not None and block.poisson is not None
+    share = block.share_of_plane_stress
+    if share is None:
+        raise InputError("specimen_plane_unknown", name=scene.name)
     compliance = coupling = 0.0
     bodies = (block.young_gpa, block.poisson, 1), (other.young_gpa, other.poisson, -1)
     for young, nu, sign in bodies:
         shear = 1e3 * young / (2.0 * (1.0 + nu))
-        nu = nu if block.plane == "strain" else nu / (1.0 + nu)
+        nu = (1.0 - share) * nu + share * nu / (1.0 + nu)
         compliance += (1.0 - nu) / (2.0 * shear)
         coupling += sign * (1.0 - 2.0 * nu) / shear
     return 1.0 / compliance, coupling

@@ -48,8 +48,11 @@ class Specimen(imaging.ScenePart):
         Young's modulus, GPa.
     poisson : float, optional
         Poisson's ratio.
-    plane : {'strain', 'stress'}, default 'strain'
-        Whether the specimen is in plane strain or plane stress.
+    plane : {'strain', 'stress', 'unknown'}, default 'strain'
+        Whether the specimen is in plane strain or plane stress; 'unknown', between them.
+    plane_stress_share : float, optional
+        Where between plane strain, 0, and plane stress, 1, a contact's plate of an unknown plane
+        is; without it a fit finds it, to what its error takes beyond either.
     thickness_mm : float, optional
         Thickness, mm.
     fringe_value_n_per_mm : float, optional
@@ -78,7 +81,8 @@ class Specimen(imaging.ScenePart):
     shape: Literal["block", "disc", "beam", "ring", "other"] | None = None
     young_gpa: imaging.Positive | None = None
     poisson: Poisson | None = None
-    plane: Literal["strain", "stress"] = "strain"
+    plane: Literal["strain", "stress", "unknown"] = "strain"
+    plane_stress_share: Annotated[float, Field(ge=-1, le=2)] | None = None
     thickness_mm: imaging.Positive | None = None
     fringe_value_n_per_mm: imaging.Positive | None = None
     diameter_mm: imaging.Positive | None = None
@@ -96,7 +100,14 @@ class Specimen(imaging.ScenePart):
         hole, diameter = self.hole_mm, self.diameter_mm
         if hole is not None and diameter is not None and hole >= diameter:
             raise ValueError(message("hole_mm_must_less_diameter_mm", hole=hole, diameter=diameter))
+        if self.plane != "unknown" and self.plane_stress_share is not None:
+            raise ValueError(message("plane_stress_share_needs_unknown", plane=self.plane))
         return self
+
+    @property
+    def share_of_plane_stress(self) -> float | None:
+        """0 in plane strain, 1 in plane stress; None where nobody knows."""
+        return {"strain": 0.0, "stress": 1.0}.get(self.plane, self.plane_stress_share)
 
 
 Wavelength = Annotated[float, Field(ge=200, le=3000)]

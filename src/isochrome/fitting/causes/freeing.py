@@ -44,7 +44,7 @@ from isochrome.fitting.causes.solution import Askable, Change, FrameSolution
 from isochrome.fitting.causes.trial import Expected, Trial
 from isochrome.fitting.frame.far_model import FAR
 from isochrome.fitting.frame.frame_fit import fit_with_model
-from isochrome.fitting.frame.unknowns import StatedInputs
+from isochrome.fitting.frame.unknowns import StatedInputs, limits
 from isochrome.scene import Scene
 
 S = TypeVar("S", bound=Askable)
@@ -536,7 +536,9 @@ def _change(freed: Freed[S], plan: _Plan) -> Change:
     rest = plan.trial.values if plan.trial else {}
     if plan.trial is None and now.chi < GOOD_CHI and len({*now.unknown_keys}) == len(now.values):
         move = asked.along @ (asked.evidence.values(plan.members) - asked.now)
-        rest = dict(zip(now.unknown_keys, (now.values + move).tolist(), strict=True))
+        ends = limits(now.scene, now.unknown_keys)
+        moved = np.clip(now.values + move, ends.low, ends.high)
+        rest = dict(zip(now.unknown_keys, moved.tolist(), strict=True))
     begun = {key: rest[key] for key in now.keys if key in rest and key not in held}
     return Change(
         added=added,

@@ -12,7 +12,14 @@ from isochrome.fitting.causes.score import TRACTIONS, WAVES
 from isochrome.fitting.causes.slips import lying_otherwise
 from isochrome.fitting.causes.solution import Askable
 from isochrome.fitting.frame.frame_fit import FrameFit
-from isochrome.fitting.frame.unknowns import FRICTION, LOAD, PIXEL, TANGENTIAL, taken_as_exact
+from isochrome.fitting.frame.unknowns import (
+    FRICTION,
+    LOAD,
+    PIXEL,
+    PLANE,
+    TANGENTIAL,
+    taken_as_exact,
+)
 from isochrome.messages import message
 from isochrome.output import agree, per_cent, with_uncertainty
 from isochrome.scene import Scene
@@ -44,6 +51,8 @@ def cause_messages(freed: Freed[Any], *, light: bool = True) -> tuple[str, ...]:
         return (freed.slip.sentence(),)
     own = tuple(cause for cause in freed.causes if not cause.stated)
     messages = [_freed_sentence(freed, own, rival_causes(freed))] if own else []
+    if PLANE in freed.now.keys:
+        messages.append(_plane_sentence(freed))
     if freed.tractions:
         messages.append(_traction_sentence(freed))
     if freed.unknown:
@@ -194,6 +203,20 @@ def _shift(freed: Freed[Any]) -> str:
         out = "comes out" if len(shares) == 1 else "comes out up to"
         text += f"; as stated, {LOAD} {out} {100.0 * most:+.2g} % off"
     return text
+
+
+def _plane_sentence(freed: Freed[Any]) -> str:
+    """Which plane a plate is in, if one of the two is likelier than 0.9."""
+    value, spread = _estimates(freed, PLANE)[0]
+    share = with_uncertainty(value, spread)
+    off = {"strain": value / spread, "stress": (1.0 - value) / spread}
+    plane, other = sorted(off, key=off.__getitem__)
+    if off[plane] > _FAR:
+        return message("frames_lie_between_planes", who=_verb(freed.now, "show"), share=share)
+    if off[other] ** 2 - off[plane] ** 2 < 2.0 * np.log(NAMED / (1.0 - NAMED)):
+        who = "the frame does" if freed.now.count == 1 else "the frames do"
+        return message("frames_leave_plane_open", who=who, share=share)
+    return message("frames_show_plane", who=_verb(freed.now, "show"), plane=plane, share=share)
 
 
 def _traction_sentence(freed: Freed[Any]) -> str:

@@ -29,6 +29,7 @@ from isochrome.fitting.frame.single_state import with_numerics
 from isochrome.fitting.frame.unknowns import (
     BLUR,
     GAMMA,
+    PLANE,
     SWING,
     TILT,
     StatedInputs,
@@ -175,6 +176,9 @@ def fit_with_model(
     keys = free_keys(scene) if keys is None else keys
     stated = stated_inputs(scene) if stated is None else stated
     scene = placed(scene, data.shape)
+    if scene.is_contact and scene.specimen.share_of_plane_stress is None:
+        keys = tuple(dict.fromkeys((*keys, PLANE)))
+        scene = scene.with_values({PLANE: 0.5})
     made = _fit_toned(data, scene, keys, stated, cold=cold, rested=rested)
     ratio = local_noise(
         made.model.pixels.keep,

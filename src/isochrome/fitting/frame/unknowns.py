@@ -22,6 +22,7 @@ TANGENTIAL = "load.tangential_n"
 EARLIER = "friction.earlier_change"
 """Another friction while the block wore: the scar's shape remembers it."""
 LAYER = "contact.layer_um_per_mpa"
+PLANE = "specimen.plane_stress_share"
 FOCUS, SWING, TILT = "camera.focus_mm", "load.swing", "load.tilt"
 EDGE = ("specimen.edge_stress_mpa", "specimen.edge_depth_mm")
 LEFT, TOP, GAMMA, BLUR = "camera.left_mm", "camera.top_mm", "frames.gamma", "camera.blur_px"
@@ -42,7 +43,7 @@ _SCALES = {_ROLL: 60.0} | dict.fromkeys((BLUR, FOCUS, SWING, TILT), 100.0)
 _BOUNDS = dict.fromkeys((FRICTION, EARLIER), (-2.0, 2.0))
 _BOUNDS |= {GAMMA: (0.2, 5.0), BLUR: (0.0, 50.0), _ROLL: (-45.0, 45.0)}
 _BOUNDS |= dict.fromkeys(_BENT, (-0.1, 0.1)) | {SWING: (0.0, 0.5)}
-_BOUNDS |= dict.fromkeys((LAYER, TILT), (0.0, 10.0))
+_BOUNDS |= dict.fromkeys((LAYER, TILT), (0.0, 10.0)) | {PLANE: (-1.0, 2.0)}
 
 _MICROMETRE = 1e-7
 """Wear coefficient (mm²/N) times distance (m) that wears a micrometre under 10 MPa."""
@@ -64,6 +65,8 @@ def free_keys(scene: Scene) -> tuple[str, ...]:
         keys.append(FRICTION)
     if scene.wear is not None:
         keys.append(WEAR)
+    if scene.is_contact and scene.specimen.share_of_plane_stress is None:
+        keys.append(PLANE)
     return tuple(keys)
 
 
