@@ -222,14 +222,10 @@ Places = tuple[Floats, Floats]
 def bent_places(
     gradient: NDArray[np.complexfloating], grid: PixelGrid, pixels: PixelGrid, bend: float
 ) -> Places:
-    """Places x that an unfocused camera sees at the places X that its pixels would look at.
-
-    A plate of thickness d deflects light by the angle d C grad S, S = sigma_1 + sigma_2; at a
-    distance h from the plate's middle it passes X = x + d C h grad S(x). `gradient`, d/dx + i d/dz
-    of S on a plain grid around, MPa/mm; `bend`, d C h, mm²/MPa. That S is harmonic keeps the
-    light's density to first order. Source: Kalthoff (1987), Handbook on Experimental Mechanics,
-    chapter 9, for the deflection.
-    """
+    """Places x that an unfocused camera sees where its pixels look at X = x + d C h grad S(x), S =
+    sigma_1 + sigma_2 of `gradient`, d/dx + i d/dz on a plain grid around (MPa/mm); `bend`, d C h,
+    mm²/MPa. S is harmonic: the light's density stays. Source: Kalthoff (1987), in Kobayashi,
+    Handbook on Experimental Mechanics, chapter 9."""
     from scipy.ndimage import map_coordinates
 
     x, z = (np.broadcast_to(v, (pixels.rows, pixels.cols)) for v in pixels.places)

@@ -105,12 +105,11 @@ def series_difference(
     shear_mpa: Floats | None = None, slopes: bool = False, bending: bool = False,
     least_mm: float = 0.0,
 ) -> SeriesField:  # fmt: skip
-    """(sigma_x - sigma_z) + 2i tau_xz on a lattice of pixels, and with `slopes` its derivatives,
-    with `bending` the gradient of sigma_x + sigma_z.
-    Errs by 2e-7 of the largest traction; the slopes lack those of the repetitions, 1e-3 of them.
-    `x_mm`, `z_mm`: the first pixel's centre; `left_mm`: the first node. Tractions (n,), MPa, are
-    linear between nodes and zero beyond. Nothing is computed above `least_mm`: rows near the
-    surface cost most. ValueError where a pixel is beyond the series' reach."""
+    """(sigma_x - sigma_z) + 2i tau_xz on a lattice of pixels, with `slopes` its derivatives, with
+    `bending` the gradient of sigma_x + sigma_z. Errs by 2e-7 of the largest traction; the slopes
+    lack those of the repetitions, 1e-3 of them. `x_mm`, `z_mm`: of the first pixel; `left_mm`:
+    the first node. Nothing is computed above `least_mm`: rows near the surface cost most.
+    ValueError where a pixel is beyond the series' reach."""
     depth = z_mm + grid.pitch_mm * np.arange(grid.rows)
     first = int(np.searchsorted(depth, max(least_mm, SHALLOWEST * grid.spacing_mm)))
     count = 1 + 2 * slopes + bending
