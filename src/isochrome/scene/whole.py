@@ -199,9 +199,17 @@ class Scene(ScenePart):
         return self.indenter
 
     @property
-    def layer_mm_per_mpa(self) -> float:
-        """Compliance of what lies between the bodies of a contact, mm/MPa."""
-        return 1e-3 * self.contact.layer_um_per_mpa
+    def is_bare(self) -> bool:
+        """Whether nothing lies between the bodies of a contact."""
+        return self.contact == parts.Contact()
+
+    def layer_at(self, distance_m: Distance) -> Distance:
+        """Compliance of what lies between the bodies of a contact at a distance (m), mm/MPa."""
+        return 1e-3 * value_at(self.contact.layer_um_per_mpa, distance_m)
+
+    def roughness_at(self, distance_m: Distance) -> Distance:
+        """Mean of the exponential heights between the bodies at a distance (m), mm."""
+        return 1e-3 * value_at(self.contact.roughness_um, distance_m)
 
     @property
     def added_tractions(self) -> parts.AddedTractions | None:
