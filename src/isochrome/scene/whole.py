@@ -147,6 +147,7 @@ class Scene(ScenePart):
             "frames_known_line_single_frames": light.step and frames.known_line,
             "frames_known_loads_n_single_frames": frames.known_loads_n and not single,
             "load_added_tractions_need_contact": self.added_tractions and bare,
+            "load_tilt_needs_contact": self.load is not None and self.load.tilt and bare,
             "load_normal_n_table_over": table and bare,
             "load_normal_n_table_over_sliding": table and stuck,
             "load_tangential_n_needs_friction": stuck and self.friction is None,

@@ -29,6 +29,7 @@ from isochrome.fitting.frame.single_state import with_numerics
 from isochrome.fitting.frame.unknowns import (
     BLUR,
     GAMMA,
+    TILT,
     StatedInputs,
     fit_region,
     free_keys,
@@ -121,8 +122,8 @@ _HALO = 2.5
 """Standard deviations of a blur by which that depth grows (measured at 1.5 px: friction errs by 16
 of its uncertainties without, by less than one with)."""
 
-_LEAST_BLUR_PX = 0.3
-"""Where a free blur starts at least: from none it has no slope."""
+_LEAST = {BLUR: 0.3, TILT: 0.1}
+"""Where a free blur (px) and tilt (1/mm) start at least: from none they have no slope."""
 
 _CHANCE = 100.0
 """Wald's statistic of an illumination that noise alone does not reach: it leaves up to 21 where
@@ -227,12 +228,12 @@ def _fit_begun(
     """The fit from one scene's start, and others about it."""
     others: tuple[Minimum, ...] = ()
     prior = stated.prior(keys)
-    scene = _with_some_blur(scene, keys)
+    scene = _with_some(scene, keys)
     best = scene
     if not rested:
         first, *rest = search_frame(data, scene, keys, prior, cold=cold)
         best, others = first.scene, tuple(Minimum(s.values, s.chi) for s in rest if s.positive)
-    best = _with_some_blur(best, keys)  # few pixels do not show a little one
+    best = _with_some(best, keys)  # few pixels do not show a little one
     fine = with_numerics(best.model_copy(update={"numerics": scene.numerics}))
     model, final = _final(data, fine, keys, prior, rested)
     plain = not final.positive
@@ -260,11 +261,10 @@ def _fit_begun(
     return Fitted(fit, model, final, held, rows, stated)
 
 
-def _with_some_blur(scene: Scene, keys: tuple[str, ...]) -> Scene:
-    """The scene with a blur, where that is an unknown."""
-    if BLUR in keys and scene.get(BLUR) < _LEAST_BLUR_PX:
-        return scene.with_values({BLUR: _LEAST_BLUR_PX})
-    return scene
+def _with_some(scene: Scene, keys: tuple[str, ...]) -> Scene:
+    """The scene with a blur and a tilt, where they are unknowns; either sign of a tilt is one."""
+    some = {key: max(abs(scene.get(key)), least) for key, least in _LEAST.items() if key in keys}
+    return scene.with_values(some) if some else scene
 
 
 def is_seen(gamma_fit: LinearPart) -> bool:

@@ -21,7 +21,8 @@ LOAD, FRICTION, WEAR = "load.normal_n", "friction.coefficient", "wear.coefficien
 TANGENTIAL = "load.tangential_n"
 EARLIER = "friction.earlier_change"
 """Another friction while the block wore: the scar's shape remembers it."""
-LAYER = "contact.layer_um_per_mpa"
+LAYER, ROUGHNESS = "contact.layer_um_per_mpa", "contact.roughness_um"
+TILT = "load.tilt"
 LEFT, TOP, GAMMA, BLUR = "camera.left_mm", "camera.top_mm", "frames.gamma", "camera.blur_px"
 
 LENS = ("camera.roll_deg", "camera.distortion", "camera.keystone_x", "camera.keystone_z")
@@ -34,11 +35,12 @@ along the surface, its change along it, and bending, the first terms of the seri
 `half_plane.regular`. Left out, they go into the load: 0.13 MPa in the paper's block, 0.035 fringe,
 read as 1.3 % of load."""
 
-_SCALES = {BLUR: 100.0, _ROLL: 60.0}
+_SCALES = dict.fromkeys((BLUR, TILT), 100.0) | {_ROLL: 60.0}
 """Scales that the values themselves do not tell: of a lens a twentieth of a pixel at its edge."""
 
 _BOUNDS = dict.fromkeys((FRICTION, EARLIER), (-2.0, 2.0))
-_BOUNDS |= {GAMMA: (0.2, 5.0), BLUR: (0.0, 50.0), LAYER: (0.0, 10.0), _ROLL: (-45.0, 45.0)}
+_BOUNDS |= {GAMMA: (0.2, 5.0), BLUR: (0.0, 50.0), _ROLL: (-45.0, 45.0)}
+_BOUNDS |= dict.fromkeys((LAYER, ROUGHNESS, TILT), (0.0, 10.0))
 _BOUNDS |= dict.fromkeys(_BENT, (-0.1, 0.1))
 
 _MICROMETRE = 1e-7

@@ -31,7 +31,7 @@ from isochrome.contact import (
 )
 from isochrome.errors import InputError, PhysicsError
 from isochrome.fitting.arrays import Array
-from isochrome.fitting.frame.single_state import is_held, with_numerics, with_part
+from isochrome.fitting.frame.single_state import is_held, with_between, with_numerics, with_part
 from isochrome.fitting.frame.unknowns import FRICTION, LEFT, LOAD, TOP, WEAR
 from isochrome.fitting.joint.frame_sequence import local_values
 from isochrome.scene import DistanceTable, Scene
@@ -81,6 +81,8 @@ class WornCourse:
             raise InputError("cannot_tracked_video_frames", key=unknown[0], known=known)
         if scene.friction and scene.friction.static_state_first:
             raise InputError("friction_static_state_first_true_tracked")
+        if scene.load is not None and scene.load.tilt:
+            raise InputError("load_tilt_cannot_tracked")
         self.scene, self.tracked = scene, tracked
         self._thickness_mm = float(scene.get("specimen.thickness_mm"))
         self.past: tuple[Array, Array] | None = None
@@ -116,7 +118,7 @@ class WornCourse:
     def at(self, distance_m: float | None) -> None:
         """Go on to a frame, at a distance (m), None where nothing wears."""
         self._s = s = distance_m or 0.0
-        now = with_part(self.scene, "load", normal_n=self.scene.load_at(s))
+        now = with_part(with_between(self.scene, s), "load", normal_n=self.scene.load_at(s))
         if now.friction is not None:
             now = with_part(now, "friction", coefficient=float(self.scene.friction_at(s)))
         self.now = now.model_copy(update={"wear": None})
