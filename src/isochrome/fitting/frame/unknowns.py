@@ -21,7 +21,7 @@ LOAD, FRICTION, WEAR = "load.normal_n", "friction.coefficient", "wear.coefficien
 TANGENTIAL = "load.tangential_n"
 EARLIER = "friction.earlier_change"
 """Another friction while the block wore: the scar's shape remembers it."""
-LAYER, ROUGHNESS = "contact.layer_um_per_mpa", "contact.roughness_um"
+BETWEEN = LAYER, ROUGHNESS = "contact.layer_um_per_mpa", "contact.roughness_um"
 TILT = "load.tilt"
 LEFT, TOP, GAMMA, BLUR = "camera.left_mm", "camera.top_mm", "frames.gamma", "camera.blur_px"
 
@@ -133,6 +133,9 @@ def _limit(scene: Scene, key: str) -> tuple[float, float]:
         # only what it holds counts: the shear's sign is the tangential force's
         least, most = _BOUNDS[key]
         return (0.0, most) if value >= 0.0 else (least, 0.0)
+    if key in BETWEEN and scene.wear is not None:
+        # a bare contact wears on a mesh of its own, to which no difference may be taken
+        return 1e-3, _BOUNDS[key][1]
     if key in _BOUNDS:
         return _BOUNDS[key]
     if key.endswith("_error_deg"):
