@@ -122,7 +122,8 @@ def _edges(state: SurfaceState) -> tuple[float, float]:
     """Where the surface is worn, mm: the contact's own edges where it only grew."""
     if state.scar_edges_mm is not None:
         return state.scar_edges_mm
-    worn = np.flatnonzero(state.wear_depth_mm > 0.0)
+    faint = 0.01 * state.wear_depth_mm.max() if state.rough else 0.0  # no edge of its own
+    worn = np.flatnonzero(state.wear_depth_mm > faint)
     x, half = state.grid.x_mm, 0.5 * state.grid.spacing_mm
     return float(x[worn[0]]) - half, float(x[worn[-1]]) + half
 

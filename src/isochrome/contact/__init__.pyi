@@ -1,6 +1,13 @@
 from .pressure import ContactState, Surface, displacement, log_of_hat, make_surface, solve_pressure
 from .scar import Scar, make_mesh, scar_history, unresolved
-from .sliding_history import OutputState, SlidingHistory, mean_wear_rate, wear_course, wear_rate
+from .sliding_history import (
+    Drive,
+    OutputState,
+    SlidingHistory,
+    mean_wear_rate,
+    wear_course,
+    wear_rate,
+)
 from .state import ContactGrid, SurfaceState, contact_grid, elastic_constants, line_load
 from .wear import (
     ContactSetup,
@@ -20,6 +27,7 @@ __all__ = [
     "ContactGrid",
     "ContactSetup",
     "ContactState",
+    "Drive",
     "GrowingScar",
     "OutputState",
     "Scar",

@@ -1,7 +1,7 @@
 """Contact pressure under a fixed load, by an active set, and the surface operator behind it.
 
-Find p >= 0 and the approach d with gap = g + u(p) + c p - d >= 0, p·gap = 0, h Σp = P'; c is zero
-in a static contact and k ds in an implicit wear step. Pressure is linear between nodes (hats of
+Find p >= 0 and the approach d with gap = g + u(p) + c p - d >= 0, p·gap = 0, h Σp = P'; c is a
+layer's compliance, and k ds in an implicit wear step. Pressure is linear between nodes (hats of
 half-width h), so that the displacement into the block,
 
     u(x) = -(2/(pi E*)) ∫ p(t) ln|x-t| dt - (mu/(2 G*)) ∫_x^{x2} p(t) dt + C,
@@ -69,16 +69,13 @@ class Surface:
 
 @lru_cache(maxsize=8)
 def make_surface(
-    nodes: int, spacing_mm: float, *, contact_modulus_mpa: float, coupling_per_mpa: float = 0.0,
-    layer_mm_per_mpa: float = 0.0,
-) -> Surface:  # fmt: skip
-    """The surface operator of a grid, for E*, the coupling 1/G* (0: none) and a layer that gives
-    way by its compliance times the pressure (Johnson, 1985, section 4.3: Winkler's foundation). The
-    last ones are kept: a video's frames are solved on one. Source: see the module."""
+    nodes: int, spacing_mm: float, *, contact_modulus_mpa: float, coupling_per_mpa: float = 0.0
+) -> Surface:
+    """The surface operator of a grid, for E* and the coupling 1/G* (0: none). The last ones are
+    kept: a video's frames are solved on one. Source: see the module."""
     n, h = nodes, spacing_mm
     length = int(scipy.fft.next_fast_len(2 * n, real=True))
     half = -2.0 / (np.pi * contact_modulus_mpa) * log_of_hat(n, h)
-    half[0] += layer_mm_per_mpa
     theta = 2.0 * np.pi * np.arange(length // 2 + 1) / length
     coupling = lattice_coupling = ahead = None
     if coupling_per_mpa != 0.0:
@@ -94,12 +91,12 @@ def make_surface(
     else:
         coarse = make_surface(
             (n - 1) // COARSER + 1, COARSER * h, contact_modulus_mpa=contact_modulus_mpa,
-            coupling_per_mpa=coupling_per_mpa, layer_mm_per_mpa=layer_mm_per_mpa,
+            coupling_per_mpa=coupling_per_mpa,
         )  # fmt: skip
     return Surface(
         nodes=n, spacing_mm=h, modulus_mpa=contact_modulus_mpa,
         normal=scipy.fft.rfft(_circular(half, length)), coupling=coupling,
-        lattice_normal=2.0 * h / contact_modulus_mpa * _lattice_symbol(theta) + layer_mm_per_mpa,
+        lattice_normal=2.0 * h / contact_modulus_mpa * _lattice_symbol(theta),
         lattice_coupling=lattice_coupling, dense=dense, coarse=coarse,
     )  # fmt: skip
 
@@ -221,23 +218,27 @@ class ActiveSystem:
     """The linear equations on a trial contact set."""
 
     def __init__(
-        self, surface: Surface, gap: Floats, load: float, friction: float, wear: float
+        self, surface: Surface, gap: Floats, load: float, friction: float, diagonal: float | Floats
     ) -> None:
-        self.surface, self.gap, self.friction, self.wear = surface, gap, friction, wear
+        self.surface, self.gap, self.friction, self.diagonal = surface, gap, friction, diagonal
         self.total = load / surface.spacing_mm
         lattice = combined(surface.lattice_normal, surface.lattice_coupling, friction)
-        self.inverse = 1.0 / (lattice + wear)
+        self.inverse = 1.0 / (lattice + np.min(diagonal))
+        self.deep = bool(np.any(diagonal))
+        # of nodes whose diagonal is larger than a short wave's stiffness: alone they would be 1/c
+        short = float(surface.lattice_normal[-1])
+        self.weight = np.sqrt((short + np.min(diagonal)) / (short + diagonal))
 
     def apply(self, pressure: Floats) -> Floats:
-        """Displacement and wear that a pressure makes."""
+        """Displacement that a pressure makes, that on the diagonal included."""
         u = displacement(self.surface, pressure, friction=self.friction)
-        return u + self.wear * pressure if self.wear else u
+        return u + self.diagonal * pressure if self.deep else u
 
     def precondition(self, inside: Floats, residual: Floats) -> Floats:
         """The lattice's inverse, cut to the contact set (1 inside, 0 outside)."""
         length = self.surface.length
-        z = scipy.fft.irfft(self.inverse * scipy.fft.rfft(residual, length), length)
-        return np.asarray(inside * z[: self.surface.nodes])
+        z = scipy.fft.irfft(self.inverse * scipy.fft.rfft(self.weight * residual, length), length)
+        return np.asarray(inside * self.weight * z[: self.surface.nodes])
 
     def solve(self, active: Mask, start: Floats, tolerance: float, *, look: bool) -> ActiveSet:
         """Solve with contact on `active` to a relative residual, from a pressure near by. By
@@ -250,12 +251,15 @@ class ActiveSystem:
         matrix = normal if coupling is None else normal + self.friction * coupling
         on, count = np.flatnonzero(active), int(np.count_nonzero(active))
         bordered = np.ones((count + 1, count + 1))
-        bordered[:-1, :-1] = matrix[np.ix_(on, on)] + self.wear * np.eye(count)
+        bordered[:-1, :-1] = matrix[np.ix_(on, on)]
+        bordered[np.arange(count), np.arange(count)] += np.broadcast_to(
+            self.diagonal, active.shape
+        )[on]
         bordered[-1, -1] = 0.0
         solution = np.linalg.solve(bordered, np.append(-self.gap[on], self.total))
         pressure = np.zeros(len(active))
         pressure[on] = solution[:-1]
-        u = matrix @ pressure + self.wear * pressure
+        u = matrix @ pressure + self.diagonal * pressure
         return self._judged(active, pressure, u, tolerance, 0.0, 1)
 
     def _iteratively(self, active: Mask, start: Floats, tolerance: float, look: bool) -> ActiveSet:
@@ -345,13 +349,14 @@ class ContactState:
 
 def solve_pressure(
     surface: Surface, gap_mm: Floats, line_load_n_per_mm: float, *, friction: float = 0.0,
-    wear_mm_per_mpa: float = 0.0, start: Floats | None = None, tolerance: float = 1e-10,
+    layer_mm_per_mpa: float = 0.0, roughness_mm: float = 0.0, start: Floats | None = None,
+    tolerance: float = 1e-10,
 ) -> ContactState:  # fmt: skip
     """Contact pressure under the load P', for an undeformed gap (n,) that includes the worn depth.
-    A constant offset of the gap does not matter; mu counts in the coupling alone; `wear_mm_per_mpa`
-    is the diagonal c. `start` (n,), MPa: a coarser grid's where it is absent or bears nothing.
-    `tolerance` is the KKT residual's. InputError on a gap or load that is none, PhysicsError where
-    it does not converge."""
+    A constant offset of the gap does not matter; mu counts in the coupling alone;
+    `layer_mm_per_mpa` is the diagonal c, `roughness_mm` lambda of `_rough_pressure`. `start` (n,),
+    MPa: a coarser grid's where it is absent or bears nothing. `tolerance` is the residual's.
+    InputError on a gap or load that is none, PhysicsError where it does not converge."""
     datum = float(gap_mm.min())  # its rounding would be felt as roughness
     if not (math.isfinite(datum) and math.isfinite(float(gap_mm.max()))):
         raise InputError("gap_between_bodies_not")
@@ -359,9 +364,13 @@ def solve_pressure(
         raise InputError("load_mm_must_above", load=line_load_n_per_mm)
     gap = gap_mm - datum
     if start is None or not (start > 0.0).any():
-        start = _from_coarse(surface, gap, line_load_n_per_mm, friction, wear_mm_per_mpa)
+        start = _from_coarse(
+            surface, gap, line_load_n_per_mm, friction, layer_mm_per_mpa, roughness_mm
+        )
+    system = ActiveSystem(surface, gap, line_load_n_per_mm, friction, layer_mm_per_mpa)
+    if roughness_mm > 0.0:
+        return _rough_pressure(system, roughness_mm, start, tolerance)
     active = start > 0.0
-    system = ActiveSystem(surface, gap, line_load_n_per_mm, friction, wear_mm_per_mpa)
     pressure = np.where(active, start, 0.0)
     fewest, patience, iterations = surface.nodes + 1, _PATIENCE, 0
     for sets in range(1, _MAX_SETS + 1):
@@ -385,8 +394,57 @@ def solve_pressure(
             active[np.flatnonzero(trial.wrong)[-1]] ^= True
         if not active.any():
             active[np.argmin(trial.gap)] = True
+    raise _unsolved(friction, sets)
+
+
+def _unsolved(friction: float, sets: int) -> PhysicsError:
+    """The refusal of a contact that does not converge."""
     lower = "lower friction.coefficient or " if friction else ""
-    raise PhysicsError("contact_pressure_did_not", friction=friction, sets=sets, lower=lower)
+    return PhysicsError("contact_pressure_did_not", friction=friction, sets=sets, lower=lower)
+
+
+NO_PRESSURE = float(np.sqrt(np.finfo(float).eps))
+"""Share of a rough contact's largest pressure below which there is none."""
+
+
+def _rough_pressure(
+    system: ActiveSystem, roughness: float, start: Floats, tolerance: float
+) -> ContactState:
+    """Pressure between rough surfaces, p ~ exp(-separation/lambda), lambda the mean of their
+    exponential heights: gap + u(p) + c p + lambda ln p = d, positive wherever it is not nothing.
+    Newton's method: on the tangent the contact is one with lambda/p on its diagonal. Where p falls
+    it is ln p that takes the step, where it rises p: of a concave function's two forms the one that
+    does not overshoot. Source: Greenwood & Williamson (1966), Proc. R. Soc. A 295, 300."""
+    gap, layer, pressure = system.gap, system.diagonal, start
+    used = 0
+    for step in range(1, _MAX_SETS + 1):
+        pressure = np.where(pressure > NO_PRESSURE * pressure.max(), pressure, 0.0)
+        active = pressure > 0.0
+        u = system.apply(pressure)
+        height = roughness * np.log(np.where(active, pressure, 1.0))
+        total = float(pressure.sum())
+        approach = float(_dot(gap + u + height, pressure)) / total
+        # nodes that would bear more than nothing enter with little: from below nothing overshoots
+        least = NO_PRESSURE * float(pressure.max())
+        new = ~active & (approach - gap - u > roughness * np.log(least))
+        off = np.where(active, gap + u + height - approach, 0.0)
+        residual = float(np.abs(off).max()) / (_range(u) + roughness)
+        unbalanced = abs(total / system.total - 1.0)
+        if max(residual, unbalanced) <= tolerance and not new.any():
+            return ContactState(pressure, gap + u - approach, residual, used, step)
+        pressure, active = np.where(new, 2.0 * least, pressure), active | new
+        height = roughness * np.log(np.where(active, pressure, 1.0))
+        tangent = layer + roughness / np.where(active, pressure, pressure.max())
+        linear = ActiveSystem(
+            system.surface, gap + height - roughness, system.total * system.surface.spacing_mm,
+            system.friction, tangent,
+        )  # fmt: skip
+        trial = linear.solve(active, pressure, tolerance, look=False)
+        used += trial.iterations
+        growth = trial.pressure / np.where(active, pressure, 1.0) - 1.0
+        falls = pressure * np.exp(np.minimum(growth, 0.0))
+        pressure = np.where(growth > 0.0, trial.pressure, falls)
+    raise _unsolved(system.friction, _MAX_SETS)
 
 
 def _to_the_edge(active: Mask, wrong: Mask) -> Mask:
@@ -415,7 +473,7 @@ def _runs(mask: Mask) -> NDArray[np.intp]:
 
 
 def _from_coarse(
-    surface: Surface, gap: Floats, load: float, friction: float, wear: float
+    surface: Surface, gap: Floats, load: float, friction: float, layer: float, roughness: float
 ) -> Floats:
     """A start from a four times coarser grid; on the coarsest, where the bodies would overlap.
     There the overlap at the contact's edge is taken as that of a parabola, x²/(2R) = 2 P'/(pi
@@ -425,9 +483,13 @@ def _from_coarse(
         depth = gap.min() + 2.0 * load / (np.pi * surface.modulus_mpa)
         return np.where(gap <= depth, load, 0.0)
     state = solve_pressure(
-        coarse, gap[::COARSER], load, friction=friction, wear_mm_per_mpa=wear, tolerance=1e-4
-    )
+        coarse, gap[::COARSER], load, friction=friction, layer_mm_per_mpa=layer,
+        roughness_mm=roughness, tolerance=1e-4,
+    )  # fmt: skip
     nodes = np.arange(surface.nodes) / COARSER
+    if roughness > 0.0:
+        pressure = np.interp(nodes, np.arange(coarse.nodes), state.pressure)
+        return np.where(gap <= gap[::COARSER][state.pressure > 0.0].max(), pressure, 0.0)
     # near an edge p² falls linearly to zero. The last node is left out of the line: it bears what
     # its element bears beyond the edge; the line through the next two ends 0.2 too far (measured)
     square, inside = state.pressure**2, np.zeros(len(nodes), dtype=bool)

@@ -33,7 +33,7 @@ import numpy as np
 from scipy.linalg import lapack
 
 from isochrome.contact.pressure import Floats
-from isochrome.contact.sliding_history import SAME, OutputState, SlidingHistory
+from isochrome.contact.sliding_history import SAME, Drive, OutputState, SlidingHistory
 from isochrome.errors import PhysicsError
 
 _BACK, _AHEAD = 3, 1
@@ -156,7 +156,7 @@ class ScarEquations:
     def unworn(self) -> MeshPoint:
         """The contact before wear, by Newton's method on (p, m, b, d) from Hertz's solution. Raises
         PhysicsError where it does not converge."""
-        load, a = self._driven(*self.course.leaving(0.0))
+        load, a = self._driven(self.course.leaving(0.0))
         xi, n = self.mesh.xi, len(self.mesh.xi) - 2
         y = np.r_[np.sqrt(1.0 - xi[1:-1] ** 2), 0.0, 1.0, 0.5]
         scale = np.r_[self.mesh.total, np.ones(3)]  # p counts by its load: rounding at an edge
@@ -179,7 +179,7 @@ class ScarEquations:
     ) -> tuple[MeshPoint, Floats]:
         """The state at a dose where (h, m, b)' = (state - base)/span, and its change. One Newton
         step from the `forecast` (n+2,) of the state."""
-        load, a = self._driven(*self.course.at(dose * self.units.dose_mm_per_mpa))
+        load, a = self._driven(self.course.at(dose * self.units.dose_mm_per_mpa))
         xi, n = self.mesh.xi, len(self.mesh.xi) - 2
         h, (m, b, d) = forecast[:n], forecast[n:]
         flow = (m - base[n] + (b - base[n + 1]) * xi[1:-1]) / (span * b)
@@ -202,11 +202,11 @@ class ScarEquations:
         change = lapack.dgesv(jacobian, -residual)[2]
         return MeshPoint(dose, forecast + change, pressure + by_state @ change), change
 
-    def _driven(self, line_load: float, friction: float) -> tuple[float, Floats]:
+    def _driven(self, drive: Drive) -> tuple[float, Floats]:
         """The load b ∫p dξ, and the matrix of A above the row of ∫p."""
         mesh = self.mesh
-        a = mesh.logarithm - friction * self.units.beta * mesh.ahead
-        load = 0.5 * math.pi * line_load / self.units.line_load_n_per_mm
+        a = mesh.logarithm - drive.friction * self.units.beta * mesh.ahead
+        load = 0.5 * math.pi * drive.line_load_n_per_mm / self.units.line_load_n_per_mm
         return load, np.vstack([a, mesh.total])
 
 
@@ -286,7 +286,7 @@ def scar_history(
     jumps: neither is held in this frame. `held`: both edges are known to advance that far. E* and
     1/G* (1/MPa) are the contact's, `tolerance` the wanted relative error of the pressure.
     PhysicsError where the steps do not converge."""
-    load, _ = history.leaving(0.0)
+    load = history.leaving(0.0)[0]
     bend, finest = tolerance, _FINEST
     if load_rises(history):
         tolerance, bend, finest = _OVERRUN * tolerance, _BEND * tolerance, _FINEST_BEND

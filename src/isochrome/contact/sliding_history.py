@@ -9,7 +9,7 @@ from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -43,7 +43,8 @@ def kinks_of(scene: Scene, end: float) -> Floats:
     friction = scene.friction.coefficient if scene.friction else 0.0
     wear = dict(scene.wear).values() if scene.wear else ()
     breaks = [0.0, end]
-    for table in (scene.load.normal_n, friction, *wear):
+    between = scene.contact.layer_um_per_mpa, scene.contact.roughness_um
+    for table in (scene.load.normal_n, friction, *between, *wear):
         if isinstance(table, DistanceTable):
             breaks += table.distance_m
     if isinstance(friction, DistanceTable):
@@ -82,7 +83,7 @@ def _resolved(rate: Rate, s: Floats) -> Floats:
 
 
 def sampled(scene: Scene, rate: Rate, kinks: Floats) -> Floats:
-    """Distances (m,), m, between which load and friction are linear in the dose ∫ rate ds.
+    """Distances (m,), m, between which the drive is linear in the dose ∫ rate ds.
     Stretches are halved until quadrature gives their dose, and two places in each show the line: in
     one place, an inflection of the dose could pass for a straight line. For `kinks` see
     `kinks_of`."""
@@ -94,16 +95,16 @@ def sampled(scene: Scene, rate: Rate, kinks: Floats) -> Floats:
     ]
     s = _resolved(rate, np.concatenate([*pieces, kinks[-1:]]))
     samples, a, b = [s], s[:-1], s[1:]
-    scale = [np.abs(f(s)).max() or 1.0 for f in (scene.load_at, scene.friction_at)]
+    courses = scene.load_at, scene.friction_at, scene.layer_at, scene.roughness_at
+    scale = [np.abs(f(s)).max() or 1.0 for f in courses]
     straight = max(_STRAIGHTEST, _STRAIGHT * scene.numerics.tolerance)
     for _ in range(_MAX_HALVINGS):
         if not len(a):
             break
         bent = np.zeros(len(a), dtype=bool)
         total = integral(rate, a, b)
-        change = np.maximum(
-            np.abs(scene.load_at(b) - scene.load_at(a)) / scale[0],
-            np.abs(scene.friction_at(b) - scene.friction_at(a)) / scale[1],
+        change = np.max(
+            [np.abs(f(b) - f(a)) / most for f, most in zip(courses, scale, strict=True)], axis=0
         )
         for place in (0.25, 0.5):
             part = integral(rate, a, a + place * (b - a))
@@ -122,34 +123,50 @@ _SAME_DRIVE = 1e-6
 """Relative difference of load or friction at one dose that is no jump."""
 
 
-def same_drive(one: tuple[float, float], other: tuple[float, float]) -> bool:
-    """Whether two pairs of line load and mu are the same, to 1e-6 of each; friction that changes
-    its sign is none within rounding."""
+class Drive(NamedTuple):
+    """What a contact is under: line load P', friction mu, and what lies between the bodies."""
+
+    line_load_n_per_mm: float
+    friction: float
+    layer_mm_per_mpa: float = 0.0
+    roughness_mm: float = 0.0
+
+
+def same_drive(one: Drive, other: Drive) -> bool:
+    """Whether two drives are the same, to 1e-6 of each; friction that changes its sign is none
+    within rounding."""
     return all(abs(a - b) <= SAME + _SAME_DRIVE * abs(b) for a, b in zip(one, other, strict=True))
 
 
 @dataclass(frozen=True)
 class SlidingHistory:
-    """Dose, load P' and friction mu sampled at m rising distances, linear in the dose between."""
+    """Dose and drive sampled at m rising distances, linear in the dose between."""
 
     distance_m: Floats
     dose_mm_per_mpa: Floats  # K, not falling
     line_load_n_per_mm: Floats
     friction: Floats
-    # doses inside the run where load or friction may have a kink or a jump
+    # doses inside the run where the drive may have a kink or a jump
     breaks_mm_per_mpa: tuple[float, ...] = ()
+    # layer (mm/MPa) and roughness (mm) between the bodies, where there are any
+    between: tuple[Floats, ...] = ()
 
     @property
     def steady(self) -> bool:
-        """Whether load and friction are the same throughout."""
-        return not (np.ptp(self.line_load_n_per_mm) or np.ptp(self.friction))
+        """Whether the drive is the same throughout."""
+        return not any(np.ptp(column) for column in self._columns)
 
-    def at(self, dose_mm_per_mpa: float) -> tuple[float, float]:
-        """Line load (N/mm) and mu on arriving at a dose (mm/MPa)."""
+    @property
+    def _columns(self) -> tuple[Floats, ...]:
+        """The drive's values (m,), in the order of its fields."""
+        return self.line_load_n_per_mm, self.friction, *self.between
+
+    def at(self, dose_mm_per_mpa: float) -> Drive:
+        """The drive on arriving at a dose (mm/MPa)."""
         return self._at(dose_mm_per_mpa, "left")
 
-    def leaving(self, dose_mm_per_mpa: float) -> tuple[float, float]:
-        """Line load (N/mm) and mu on leaving a dose, which wear may have stood still at."""
+    def leaving(self, dose_mm_per_mpa: float) -> Drive:
+        """The drive on leaving a dose, which wear may have stood still at."""
         return self._at(dose_mm_per_mpa, "right")
 
     def next_break(self, dose_mm_per_mpa: float) -> float:
@@ -157,7 +174,7 @@ class SlidingHistory:
         return _next(self.breaks_mm_per_mpa, dose_mm_per_mpa)
 
     def next_jump(self, dose_mm_per_mpa: float) -> float:
-        """The first dose beyond this at which load or friction jump (mm/MPa), or infinity."""
+        """The first dose beyond this at which the drive jumps (mm/MPa), or infinity."""
         return _next(self._jumps, dose_mm_per_mpa)
 
     @cached_property
@@ -170,18 +187,16 @@ class SlidingHistory:
         breaks = self.breaks_mm_per_mpa
         return tuple(d for d in breaks if not same_drive(self.leaving(d), self.at(d)))
 
-    def _at(self, dose: float, side: Literal["left", "right"]) -> tuple[float, float]:
+    def _at(self, dose: float, side: Literal["left", "right"]) -> Drive:
         doses = self.dose_mm_per_mpa
         near = _next(self._exact, dose * (1.0 - _ROUNDING))
         dose = near if near <= dose * (1.0 + _ROUNDING) else dose
         i = int(np.searchsorted(doses, dose, side=side))
         if i == 0 or i == len(doses):
             i = min(i, len(doses) - 1)
-            return float(self.line_load_n_per_mm[i]), float(self.friction[i])
+            return Drive(*(float(v[i]) for v in self._columns))
         t = (dose - doses[i - 1]) / (doses[i] - doses[i - 1])
-        columns = self.line_load_n_per_mm, self.friction
-        load, mu = (float(v[i - 1] + t * (v[i] - v[i - 1])) for v in columns)
-        return load, mu
+        return Drive(*(float(v[i - 1] + t * (v[i] - v[i - 1])) for v in self._columns))
 
 
 def _next(doses: tuple[float, ...], dose: float) -> float:
@@ -192,21 +207,25 @@ def _next(doses: tuple[float, ...], dose: float) -> float:
 
 @dataclass(frozen=True)
 class OutputState:
-    """A state asked for, with its own dose K, load P' and friction mu."""
+    """A state asked for, with its own dose K and drive."""
 
     distance_m: float
     dose_mm_per_mpa: float
     line_load_n_per_mm: float
     friction: float
+    layer_mm_per_mpa: float = 0.0
+    roughness_mm: float = 0.0
 
     @property
-    def drive(self) -> tuple[float, float]:
-        """P' and mu."""
-        return self.line_load_n_per_mm, self.friction
+    def drive(self) -> Drive:
+        """What the contact is under in this state."""
+        return Drive(
+            self.line_load_n_per_mm, self.friction, self.layer_mm_per_mpa, self.roughness_mm
+        )
 
 
 def paused_doses(history: SlidingHistory, stops: Sequence[OutputState]) -> frozenset[float]:
-    """Doses (mm/MPa) at which a state has another load or friction than the course on arriving."""
+    """Doses (mm/MPa) at which a state has another drive than the course on arriving."""
     others = (s for s in stops if not same_drive(s.drive, history.at(s.dose_mm_per_mpa)))
     return frozenset(stop.dose_mm_per_mpa for stop in others)
 
@@ -257,13 +276,17 @@ def wear_course(scene: Scene) -> tuple[SlidingHistory, list[OutputState]]:
 
     kinks = kinks_of(scene, float(wanted.max()))
     s = sampled(scene, rate, kinks)
-    if any(np.ptp(values(s)) > 0.0 for values in (scene.load_at, friction_before)):
+    courses = scene.load_at, friction_before, scene.layer_at, scene.roughness_at
+    if any(np.ptp(values(s)) > 0.0 for values in courses):
         s = np.union1d(s, wanted)  # a state has the course's load there, not nearly
     dose = np.concatenate([[0.0], np.cumsum(integral(rate, s[:-1], s[1:]))])
     below = np.searchsorted(s, wanted, side="right") - 1
     doses = dose[below] + integral(rate, s[below], wanted)
     breaks = tuple(float(d) for d in np.unique(dose[np.isin(s, kinks)]) if 0.0 < d < dose[-1])
-    history = SlidingHistory(s, dose, scene.load_at(s) / thickness, friction_before(s), breaks)
+    between = () if scene.is_bare else (scene.layer_at(s), scene.roughness_at(s))
+    history = SlidingHistory(
+        s, dose, scene.load_at(s) / thickness, friction_before(s), breaks, between
+    )
     loads, friction = scene.load_at(wanted) / thickness, scene.friction_at(wanted)
-    columns = (wanted.tolist(), doses.tolist(), loads.tolist(), friction.tolist())
-    return history, [OutputState(*row) for row in zip(*columns, strict=True)]
+    columns = wanted, doses, loads, friction, scene.layer_at(wanted), scene.roughness_at(wanted)
+    return history, [OutputState(*row) for row in np.transpose(columns).tolist()]

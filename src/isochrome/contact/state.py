@@ -2,13 +2,14 @@
 load, and the grid on which its contact is solved."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from isochrome.contact.pressure import Floats, read_profile, undeformed_gap
+from isochrome.contact.pressure import NO_PRESSURE, Floats, read_profile, undeformed_gap
 from isochrome.errors import InputError, PhysicsError
-from isochrome.scene import UNDOUBTED_MM, Scene
+from isochrome.scene import UNDOUBTED_MM, DistanceTable, Scene
 
 STEEPEST = 0.3
 """Largest half-width over radius, beyond which the parabola is over 2 % off the cylinder's arc; and
@@ -89,6 +90,7 @@ def contact_grid(
     the larger the window, which `growth` widens. PhysicsError where no grid does."""
     modulus, _ = elastic_constants(scene)
     loads = line_loads_n_per_mm or (line_load(scene), line_load(scene))
+    loads = loads[0], loads[1] * float(_slice_loads(scene)[0][-1])
     finest, reach = _contact_reach(scene, modulus, largest_dose_mm_per_mpa, loads)
     half = scene.numerics.window_mm / 2.0 if scene.numerics.window_mm else _MARGIN * growth * reach
     spacing = _spacing(scene, finest / _NODES_IN_HALF_WIDTH, min(half, reach))
@@ -149,7 +151,7 @@ def _contact_reach(
     per_load = 2.0 * math.sqrt(radius / (math.pi * modulus))
     finest, hertz = (per_load * math.sqrt(load) for load in loads)
     # a layer gives way as wear does
-    dose = dose + scene.layer_mm_per_mpa
+    dose = dose + _largest(scene.contact.layer_um_per_mpa)
     worn = (1.5 * radius * dose) ** (1.0 / 3.0) * loads[1] ** (1.0 / 3.0)
     widest = max(hertz, worn)
     reach = widest * ((hertz / widest) ** 3 + (worn / widest) ** 3) ** (1.0 / 3.0)
@@ -158,6 +160,8 @@ def _contact_reach(
         raise PhysicsError(
             "contact_half_width_would", name=name, reach=reach, steepest=STEEPEST, radius=radius
         )
+    # beside a contact the gap is at least (x - a)²/(2R)
+    reach += math.sqrt(-2.0 * radius * _largest(scene.contact.roughness_um) * math.log(NO_PRESSURE))
     if indenter.profile is not None:
         x, _ = read_profile(scene.path(indenter.profile))
         gap = undeformed_gap(scene, x)
@@ -190,6 +194,8 @@ class SurfaceState:
         Residual of the contact's complementarity.
     scar_edges_mm : tuple of float, optional
         The edges of contact, mm, where a mesh knew them better than the grid.
+    rough : bool, default False
+        Whether the pressure fades out without an edge, as between rough surfaces.
     """
 
     grid: ContactGrid
@@ -201,6 +207,7 @@ class SurfaceState:
     sliding: bool
     residual: float
     scar_edges_mm: tuple[float, float] | None = None
+    rough: bool = False
 
     @property
     def p_max_mpa(self) -> float:
@@ -209,14 +216,15 @@ class SurfaceState:
 
     @property
     def edges_mm(self) -> tuple[float, float]:
-        """Outermost places where the pressure reaches zero (mm).
+        """Outermost places where the pressure reaches zero, or 1 % of a rough contact's (mm).
 
         Near an edge p² is linear in x (p ~ the root of the distance), so p² of the last two nodes
         in contact is carried on to zero, by one spacing at most: second order in the spacing.
         """
         if self.scar_edges_mm is not None:
             return self.scar_edges_mm
-        p2, h = self.pressure_mpa**2, self.grid.spacing_mm
+        faint = 0.01 * self.p_max_mpa if self.rough else 0.0
+        p2, h = np.maximum(self.pressure_mpa - faint, 0.0) ** 2, self.grid.spacing_mm
         inside = np.flatnonzero(p2 > 0.0)
         first, last = int(inside[0]), int(inside[-1])
         left_mm = self.grid.x_mm[first] - h * _carried(p2[first], p2[min(first + 1, last)])
@@ -238,6 +246,67 @@ class SurfaceState:
     def worn_area_mm2(self) -> float:
         """Area of the worn cross-section, ∫h dx (mm²)."""
         return float(self.wear_depth_mm.sum() * self.grid.spacing_mm)
+
+
+_SLICES = 7
+
+
+def _slice_loads(scene: Scene) -> tuple[Floats, Floats]:
+    """Loads of slices through the thickness over their mean, rising, and their shares of it: points
+    and weights of Gauss and Legendre where the bodies touch. P'(y) = c max(0, 1 + |tilt| y)."""
+    assert scene.load is not None and scene.specimen.thickness_mm is not None
+    change = 0.5 * abs(scene.load.tilt) * scene.specimen.thickness_mm
+    if not change:
+        return np.ones(1), np.ones(1)
+    nodes, weights = np.polynomial.legendre.leggauss(_SLICES)
+    touching = min(1.0, 0.5 + 0.5 / change)  # share of the thickness
+    shares = 0.5 * touching * weights
+    loads = 1.0 + change * (1.0 - touching * (1.0 - nodes))
+    return loads / float(shares @ loads), shares
+
+
+def slices(scene: Scene) -> list[Scene]:
+    """Scenes of a contact's slices through the thickness, that of the largest load last: each has
+    its part of the normal and of the tangential load, and wears by itself. The scene's own without
+    a tilt."""
+    load = scene.load
+    assert load is not None
+    if not load.tilt:
+        return [scene]
+    whole, held, result = load.normal_n, load.tangential_n, []
+    for share in _slice_loads(scene)[0].tolist():
+        if isinstance(whole, DistanceTable):
+            update: dict[str, Any] = {"value": tuple(share * v for v in whole.value)}
+            normal: Any = whole.model_copy(update=update)
+        else:
+            normal = share * whole
+        update = {"tilt": 0.0, "normal_n": normal, "tangential_n": held and share * held}
+        result.append(scene.model_copy(update={"load": load.model_copy(update=update)}))
+    return result
+
+
+def mean_state(scene: Scene, states: tuple[SurfaceState, ...]) -> SurfaceState:
+    """The mean of a scene's `slices` in one state. Stress is linear in the tractions, so that it is
+    that of their mean."""
+    if len(states) == 1:
+        return states[0]
+    shares, last = _slice_loads(scene)[1], states[-1]
+
+    def mean(key: str) -> Floats:
+        return np.asarray(shares @ np.stack([getattr(state, key) for state in states]))
+
+    edges = [state.scar_edges_mm for state in states if state.scar_edges_mm is not None]
+    lefts, rights = zip(*edges, strict=True) if len(edges) == len(states) else ((), ())
+    return replace(
+        last, pressure_mpa=mean("pressure_mpa"), shear_mpa=mean("shear_mpa"),
+        wear_depth_mm=mean("wear_depth_mm"), residual=max(state.residual for state in states),
+        scar_edges_mm=(min(lefts), max(rights)) if lefts else None,
+    )  # fmt: skip
+
+
+def _largest(between: float | DistanceTable) -> float:
+    """The largest of a layer's (mm/MPa) or a roughness's (mm) values, given in um."""
+    return 1e-3 * (max(between.value) if isinstance(between, DistanceTable) else between)
 
 
 def _carried(outer: float, inner: float) -> float:

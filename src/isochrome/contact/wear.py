@@ -27,6 +27,7 @@ from typing import Any
 import numpy as np
 
 from isochrome.contact.pressure import (
+    NO_PRESSURE,
     ContactState,
     Floats,
     Surface,
@@ -50,6 +51,7 @@ from isochrome.contact.scar import (
 )
 from isochrome.contact.sliding_history import (
     SAME,
+    Drive,
     OutputState,
     SlidingHistory,
     paused_doses,
@@ -63,6 +65,8 @@ from isochrome.contact.state import (
     contact_grid,
     elastic_constants,
     line_load,
+    mean_state,
+    slices,
 )
 from isochrome.errors import PhysicsError
 from isochrome.scene import Scene
@@ -113,12 +117,11 @@ def wear_history(
 ) -> Iterator[WornState]:  # fmt: skip
     """Solve a worn contact at rising doses, hit exactly, each state yielded as soon as it is known.
     `gap_mm` (n,) is the unworn gap; the friction counts in the coupling alone; `stops` are sorted
-    by dose, each with its own load and friction; `tolerance` is the wanted relative error of the
+    by dose, each with its own drive; `tolerance` is the wanted relative error of the
     pressure; `start`, dose and depth (n,) where the run goes on. PhysicsError where a contact does
     not converge."""
     dose, depth = start or (0.0, np.zeros(surface.nodes))
-    load, mu = history.leaving(dose)
-    contact = solve_pressure(surface, gap_mm + depth, load, friction=mu, tolerance=1e-10)
+    contact = _settled(surface, gap_mm + depth, history.leaving(dose), None, tolerance=1e-10)
     now = WornState(dose, contact, depth)
     past: _Past | None = None
     share = 1.0 if history.steady else _CHANGING
@@ -175,21 +178,24 @@ def _after(doses: frozenset[float], dose: float) -> float:
 
 
 def _settled(
-    surface: Surface, worn_gap: Floats, drive: tuple[float, float], start: Floats | None
-) -> ContactState:
-    """The contact on a worn surface under a load and friction, solved afresh."""
-    load, mu = drive
-    return solve_pressure(surface, worn_gap, load, friction=mu, start=start, tolerance=1e-9)
+    surface: Surface, worn_gap: Floats, drive: Drive, start: Floats | None, *,
+    tolerance: float = 1e-9,
+) -> ContactState:  # fmt: skip
+    """The contact on a worn surface under a drive, solved afresh."""
+    return solve_pressure(
+        surface, worn_gap, drive.line_load_n_per_mm, friction=drive.friction,
+        layer_mm_per_mpa=drive.layer_mm_per_mpa, roughness_mm=drive.roughness_mm, start=start,
+        tolerance=tolerance,
+    )  # fmt: skip
 
 
 def _advance(
-    surface: Surface, gap: Floats, drive: tuple[float, float], now: WornState, past: _Past | None,
+    surface: Surface, gap: Floats, drive: Drive, now: WornState, past: _Past | None,
     size: float, tolerance: float, shortest: float, share: float = 1.0,
 ) -> tuple[WornState | None, float]:  # fmt: skip
     """One implicit step, None where its forecast errs too much, and the next step's size. A step of
     the `shortest` size is taken whatever it errs; `share` of what the tolerance of the pressure
     allows in the displacement."""
-    load, friction = drive
     if past is None:
         base, diagonal, forecast = now.depth_mm, size, now.contact.pressure
     else:
@@ -198,7 +204,8 @@ def _advance(
         diagonal = size * (1.0 + w) / (1.0 + 2.0 * w)
         forecast = now.contact.pressure + w * (now.contact.pressure - past.pressure)
     contact = solve_pressure(
-        surface, gap + base, load, friction=friction, wear_mm_per_mpa=diagonal,
+        surface, gap + base, drive.line_load_n_per_mm, friction=drive.friction,
+        layer_mm_per_mpa=drive.layer_mm_per_mpa + diagonal, roughness_mm=drive.roughness_mm,
         start=np.maximum(forecast, 0.0), tolerance=_ACCURACY * tolerance,
     )  # fmt: skip
     pressure = contact.pressure
@@ -251,28 +258,26 @@ def make_site(scene: Scene, grid: ContactGrid) -> ContactSetup:
     """The operator and the gap of a scene on a grid; InputError on an unusable profile."""
     modulus, coupling = elastic_constants(scene)
     surface = make_surface(
-        grid.nodes, grid.spacing_mm, contact_modulus_mpa=modulus, coupling_per_mpa=coupling,
-        layer_mm_per_mpa=scene.layer_mm_per_mpa,
-    )  # fmt: skip
+        grid.nodes, grid.spacing_mm, contact_modulus_mpa=modulus, coupling_per_mpa=coupling
+    )
     return ContactSetup(scene, grid, surface, undeformed_gap(scene, grid.x_mm))
 
 
 @dataclass(frozen=True)
 class GrowingScar:
     """A scar (n,) on a grid where a stretch of wear has ended, which goes on from there. `drive`,
-    line load (N/mm) and friction at the end; `pressure_mpa` (n,), under which it was worn last;
+    what it was under at the end; `pressure_mpa` (n,), under which it was worn last;
     `before`, what the formula remembers. None of both where a run begins."""
 
     depth_mm: Floats
-    drive: tuple[float, float]
+    drive: Drive
     pressure_mpa: Floats | None = None
     before: _Past | None = None
 
     def grown(
-        self, site: ContactSetup, dose_mm_per_mpa: float, drive: tuple[float, float], *,
-        tolerance: float,
-    ) -> GrowingScar:  # fmt: skip
-        """The scar after a dose more, over which load and friction go to another drive, linearly.
+        self, site: ContactSetup, dose_mm_per_mpa: float, drive: Drive, *, tolerance: float
+    ) -> GrowingScar:
+        """The scar after a dose more, over which the drive goes to another, linearly.
         Steps are chosen as in `wear_history`. PhysicsError where a contact does not converge."""
         past, depth, worn_under = self.before, self.depth_mm, self.pressure_mpa
         pressure = _settled(site.surface, site.gap_mm + depth, self.drive, worn_under).pressure
@@ -284,9 +289,9 @@ class GrowingScar:
             step = min(step, dose_mm_per_mpa - now.dose_mm_per_mpa)
             size = step if past is None else min(step, _GROW * past.step)
             share = (now.dose_mm_per_mpa + size) / dose_mm_per_mpa
-            load, mu = (a + share * (b - a) for a, b in zip(self.drive, drive, strict=True))
+            between = Drive(*(a + share * (b - a) for a, b in zip(self.drive, drive, strict=True)))
             new, step = _advance(
-                site.surface, site.gap_mm, (load, mu), now, past, size, tolerance,
+                site.surface, site.gap_mm, between, now, past, size, tolerance,
                 SAME * dose_mm_per_mpa,
             )  # fmt: skip
             if new is None:
@@ -317,10 +322,10 @@ class GrowingScar:
     @classmethod
     def from_json(cls, plain: dict[str, Any]) -> GrowingScar:
         """The scar of some plain numbers."""
-        (load, mu), pressure, before = plain["drive"], plain["pressure_mpa"], plain["before"]
+        drive, pressure, before = Drive(*plain["drive"]), plain["pressure_mpa"], plain["before"]
         pressure = None if pressure is None else np.array(pressure)
         before = before and _Past(np.array(before[0]), np.array(before[1]), before[2])
-        return cls(np.array(plain["depth_mm"]), (load, mu), pressure, before)
+        return cls(np.array(plain["depth_mm"]), drive, pressure, before)
 
 
 def worn_states(
@@ -378,7 +383,7 @@ def _scars(
     not depend on the tolerance, nor on how finely it samples the course: the `path` decides it.
     Without one it is all of them."""
     indenter = site.scene.pressed_body
-    if indenter.shape != "cylinder" or indenter.profile is not None or site.scene.layer_mm_per_mpa:
+    if indenter.shape != "cylinder" or indenter.profile is not None or not site.scene.is_bare:
         return  # the mesh's places are those of a pressure that ends as the root of the distance
     assert indenter.radius_mm is not None
     run = partial(scar_history, indenter.radius_mm, *elastic_constants(site.scene))
@@ -435,7 +440,8 @@ def pressed_again(scene: Scene, state: SurfaceState, share: float) -> SurfaceSta
     pressed = []
     for line in load / scene.specimen.thickness_mm * np.array([1.0, share]):
         if state.sliding or scene.friction is None:
-            stop = OutputState(state.distance_m, 0.0, float(line), state.friction)
+            between = scene.layer_at(state.distance_m), scene.roughness_at(state.distance_m)
+            stop = OutputState(state.distance_m, 0.0, float(line), state.friction, *between)
             pressed.append(elastic_state(site, state.wear_depth_mm, stop))
         else:
             held = scene.load.tangential_n if scene.load else None
@@ -473,7 +479,7 @@ def _state(
     return SurfaceState(
         grid=site.grid, pressure_mpa=p, shear_mpa=stop.friction * p, wear_depth_mm=depth,
         distance_m=stop.distance_m, friction=stop.friction, sliding=site.scene.friction is not None,
-        residual=contact.residual,
+        residual=contact.residual, rough=stop.roughness_mm > 0.0,
     )  # fmt: skip
 
 
@@ -559,7 +565,8 @@ def touches_outside(scene: Scene, state: SurfaceState) -> bool:
     here = log_of_hat(state.grid.nodes, state.grid.spacing_mm)[lags]
     level = undeformed_gap(scene, state.grid.x_mm[[peak]]) + state.wear_depth_mm[peak]
     level += _displacement(scene, state, state.grid.x_mm[[peak]], here[None, :])
-    level += scene.layer_mm_per_mpa * state.pressure_mpa[peak]
+    level += scene.layer_at(state.distance_m) * state.pressure_mpa[peak]
+    level -= scene.roughness_at(state.distance_m) * np.log(NO_PRESSURE)
     loaded = np.flatnonzero(state.pressure_mpa)
     away = np.zeros((len(x), state.grid.nodes))
     distance = np.abs(x[:, None] - state.grid.x_mm[None, loaded])
@@ -591,26 +598,38 @@ def iter_contact_states(scene: Scene) -> Iterator[SurfaceState]:
     wear one, sliding if there is friction. States wait only for others named before them. A contact
     that outgrows its grid is solved again on a wider one. PhysicsError where it does not converge,
     reaches the grid's edge, or as `refuse_unfit` says."""
-    history, stops = wear_course(scene)
-    loads, dose = history.line_load_n_per_mm, float(history.dose_mm_per_mpa[-1])
+    course = wear_course(scene)
+    loads, dose = course[0].line_load_n_per_mm, float(course[0].dose_mm_per_mpa[-1])
     ends, given = (float(loads.min()), float(loads.max())), 0
     for attempt in range(_TRIES):
         grid = contact_grid(
             scene, largest_dose_mm_per_mpa=dose, line_loads_n_per_mm=ends, growth=1.5**attempt
         )
-        for state in islice(_states_on(scene, grid, history, stops), given, None):
+        for sliced in islice(_sliced_states(scene, grid, course), given, None):
+            state = sliced[-1]  # of the largest load
             outermost = state.pressure_mpa[[0, -1]], state.wear_depth_mm[[0, -1]]
             if np.any(outermost) or touches_outside(scene, state):
                 break
             refuse_unfit(scene, state)
             given += 1
-            yield state
+            yield mean_state(scene, sliced)
         else:
             return
         if scene.numerics.window_mm is not None:
             break
     width = grid.spacing_mm * (grid.nodes - 1)
     raise PhysicsError("contact_reaches_edge_grid", name=scene.name, width=width)
+
+
+def _sliced_states(
+    scene: Scene, grid: ContactGrid, course: tuple[SlidingHistory, list[OutputState]]
+) -> Iterator[tuple[SurfaceState, ...]]:
+    """The states, each of all slices through the thickness, that of the largest load last."""
+    parts = slices(scene)
+    courses = [course] if len(parts) == 1 else [wear_course(part) for part in parts]
+    return zip(
+        *(_states_on(one, grid, *own) for one, own in zip(parts, courses, strict=True)), strict=True
+    )
 
 
 def _states_on(
@@ -640,7 +659,8 @@ def _states_on(
 
 def _static_state(site: ContactSetup, load: float, held: float | None) -> SurfaceState:
     scene, grid = site.scene, site.grid
-    contact = solve_pressure(site.surface, site.gap_mm, load)
+    drive = Drive(load, 0.0, scene.layer_at(0.0), scene.roughness_at(0.0))
+    contact = _settled(site.surface, site.gap_mm, drive, None, tolerance=1e-10)
     mu = scene.friction_at(0.0)
     shear: Floats = np.zeros(grid.nodes)
     if held and scene.specimen.thickness_mm:
@@ -649,11 +669,12 @@ def _static_state(site: ContactSetup, load: float, held: float | None) -> Surfac
         tangential = held / scene.specimen.thickness_mm
         stuck, inner = load - abs(tangential / mu), shear
         if stuck > 1e-9 * load:
+            drive = drive._replace(line_load_n_per_mm=stuck)
             start = contact.pressure
-            inner = solve_pressure(site.surface, site.gap_mm, stuck, start=start).pressure
+            inner = _settled(site.surface, site.gap_mm, drive, start, tolerance=1e-10).pressure
         shear = np.asarray(np.sign(tangential) * abs(mu) * (contact.pressure - inner))
     return SurfaceState(
         grid=grid, pressure_mpa=contact.pressure, shear_mpa=shear,
         wear_depth_mm=np.zeros(grid.nodes), distance_m=0.0, friction=mu if held else 0.0,
-        sliding=False, residual=contact.residual,
+        sliding=False, residual=contact.residual, rough=drive.roughness_mm > 0.0,
     )  # fmt: skip

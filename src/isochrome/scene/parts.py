@@ -154,11 +154,16 @@ class Contact(imaging.ScenePart):
 
     Parameters
     ----------
-    layer_um_per_mpa : float, default 0.0
-        Compliance of a soft or rough layer: how far a pressure of 1 MPa presses it together, um.
+    layer_um_per_mpa : float or NonNegativeTable, default 0.0
+        Compliance of a soft or rough layer: how far a pressure of 1 MPa presses it together, um; a
+        number, or a table over distance (wearing-in).
+    roughness_um : float or NonNegativeTable, default 0.0
+        Mean height lambda of exponential asperities, of both surfaces together, um: the pressure
+        falls as exp(-separation/lambda). A number, or a table over distance (wearing-in).
     """
 
-    layer_um_per_mpa: imaging.NonNegative = 0.0
+    layer_um_per_mpa: imaging.OverDistance[imaging.NonNegative, imaging.NonNegativeTable] = 0.0
+    roughness_um: imaging.OverDistance[imaging.NonNegative, imaging.NonNegativeTable] = 0.0
 
 
 class AddedTractions(imaging.ScenePart):
@@ -188,6 +193,9 @@ class Load(imaging.ScenePart):
     normal_n : float or PositiveTable
         Normal load, N; of a contact a number, or a table over distance; or in its place `file`, a
         CSV file with the columns distance_m (or time_s) and normal_n, as for `Friction`.
+    tilt : float, default 0.0
+        Change of a contact's line load through the thickness, of its mean, 1/mm: P'(y) = P'
+        (1 + tilt y), y from the middle; where that is below nought the bodies do not touch.
     tangential_n : float, optional
         Tangential load of a stuck contact, N.
     bulk_mpa : float, optional
@@ -200,8 +208,6 @@ class Load(imaging.ScenePart):
         Distance between the inner rollers of a beam, mm.
     outer_span_mm : float, optional
         Distance between the outer rollers of a beam, mm.
-    tilt : float, default 0.0
-        Relative change of a contact's load through the thickness, 1/mm: p(y) = p (1 + tilt y).
     swing : float, default 0.0
         Relative amplitude by which a contact's load swings within an exposure, as a sine.
     added_tractions : AddedTractions, optional

@@ -150,6 +150,7 @@ class Scene(ScenePart):
             "frames_known_line_single_frames": light.step and frames.known_line,
             "frames_known_loads_n_single_frames": frames.known_loads_n and not single,
             "load_added_tractions_need_contact": self.added_tractions and bare,
+            "load_tilt_needs_contact": self.load is not None and self.load.tilt and bare,
             "load_normal_n_table_over": table and bare,
             "load_normal_n_table_over_sliding": table and stuck,
             "load_tangential_n_needs_friction": stuck and self.friction is None,
@@ -202,9 +203,17 @@ class Scene(ScenePart):
         return self.indenter
 
     @property
-    def layer_mm_per_mpa(self) -> float:
-        """Compliance of what lies between the bodies of a contact, mm/MPa."""
-        return 1e-3 * self.contact.layer_um_per_mpa
+    def is_bare(self) -> bool:
+        """Whether nothing lies between the bodies of a contact."""
+        return self.contact == parts.Contact()
+
+    def layer_at(self, distance_m: Distance) -> Distance:
+        """Compliance of what lies between the bodies of a contact at a distance (m), mm/MPa."""
+        return 1e-3 * value_at(self.contact.layer_um_per_mpa, distance_m)
+
+    def roughness_at(self, distance_m: Distance) -> Distance:
+        """Mean of the exponential heights between the bodies at a distance (m), mm."""
+        return 1e-3 * value_at(self.contact.roughness_um, distance_m)
 
     @property
     def bend_mm2_per_mpa(self) -> float:

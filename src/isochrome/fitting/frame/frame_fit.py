@@ -124,7 +124,7 @@ _HALO = 2.5
 """Standard deviations of a blur by which that depth grows (measured at 1.5 px: friction errs by 16
 of its uncertainties without, by less than one with)."""
 
-_LEAST = {BLUR: 0.3, SWING: 0.01, TILT: 0.05}
+_LEAST = {BLUR: 0.3, SWING: 0.01, TILT: 0.1}
 """Where what enters by its square starts at least: from nought it has no slope."""
 
 _CHANCE = 100.0
@@ -233,12 +233,12 @@ def _fit_begun(
     """The fit from one scene's start, and others about it."""
     others: tuple[Minimum, ...] = ()
     prior = stated.prior(keys)
-    scene = _with_some_blur(scene, keys)
+    scene = _with_some(scene, keys)
     best = scene
     if not rested:
         first, *rest = search_frame(data, scene, keys, prior, cold=cold)
         best, others = first.scene, tuple(Minimum(s.values, s.chi) for s in rest if s.positive)
-    best = _with_some_blur(best, keys)  # few pixels do not show a little one
+    best = _with_some(best, keys)  # few pixels do not show a little one
     fine = with_numerics(best.model_copy(update={"numerics": scene.numerics}))
     model, final = _final(data, fine, keys, prior, rested)
     plain = not final.positive
@@ -266,10 +266,11 @@ def _fit_begun(
     return Fitted(fit, model, final, held, rows, stated)
 
 
-def _with_some_blur(scene: Scene, keys: tuple[str, ...]) -> Scene:
-    """The scene with some of what has no slope at nought, where that is an unknown."""
-    least = {k: v for k, v in _LEAST.items() if k in keys and scene.get(k) < v}
-    return scene.with_values(least) if least else scene
+def _with_some(scene: Scene, keys: tuple[str, ...]) -> Scene:
+    """The scene with some of what has no slope at nought, where that is an unknown; either sign of
+    a tilt is one."""
+    some = {key: max(abs(scene.get(key)), least) for key, least in _LEAST.items() if key in keys}
+    return scene.with_values(some) if some else scene
 
 
 def is_seen(gamma_fit: LinearPart) -> bool:

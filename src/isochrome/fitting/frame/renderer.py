@@ -110,7 +110,7 @@ _AT_ONCE = 16_384
 """Pixels whose light is made at once: of more, fresh memory takes longer than the arithmetic."""
 _KEPT = 8
 _MECHANICS = "specimen", "indenter", "contact", "load", "friction", "wear", "numerics"
-_FORCES = "normal_n", "tangential_n", "added_tractions"
+_FORCES = "normal_n", "tilt", "tangential_n", "added_tractions"
 """Parts of a scene, and of its load, that the mechanics go with."""
 _SHALLOW_PX = 0.25
 """Depth of a pixel's middle above which its order says nothing of its neighbours' slopes."""

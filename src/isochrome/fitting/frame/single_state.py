@@ -94,7 +94,16 @@ def scene_at(scene: Scene, distance_m: float) -> Scene:
 
 
 def _loaded_at(scene: Scene, distance_m: float) -> Scene:
+    scene = with_between(scene, distance_m)
     return with_part(scene, "load", normal_n=scene.load_at(distance_m)) if scene.load else scene
+
+
+def with_between(scene: Scene, distance_m: float) -> Scene:
+    """The scene with numbers, at a distance, of what lies between the bodies of its contact."""
+    if scene.is_bare:
+        return scene
+    layer, roughness = 1e3 * scene.layer_at(distance_m), 1e3 * scene.roughness_at(distance_m)
+    return with_part(scene, "contact", layer_um_per_mpa=layer, roughness_um=roughness)
 
 
 def _wear_at(scene: Scene, wear: Wear, distance_m: float) -> Wear:

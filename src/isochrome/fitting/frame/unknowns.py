@@ -21,7 +21,7 @@ LOAD, FRICTION, WEAR = "load.normal_n", "friction.coefficient", "wear.coefficien
 TANGENTIAL = "load.tangential_n"
 EARLIER = "friction.earlier_change"
 """Another friction while the block wore: the scar's shape remembers it."""
-LAYER = "contact.layer_um_per_mpa"
+BETWEEN = LAYER, ROUGHNESS = "contact.layer_um_per_mpa", "contact.roughness_um"
 PLANE = "specimen.plane_stress_share"
 FOCUS, SWING, TILT = "camera.focus_mm", "load.swing", "load.tilt"
 EDGE = ("specimen.edge_stress_mpa", "specimen.edge_depth_mm")
@@ -42,8 +42,8 @@ _SCALES = {_ROLL: 60.0} | dict.fromkeys((BLUR, FOCUS, SWING, TILT), 100.0)
 
 _BOUNDS = dict.fromkeys((FRICTION, EARLIER), (-2.0, 2.0))
 _BOUNDS |= {GAMMA: (0.2, 5.0), BLUR: (0.0, 50.0), _ROLL: (-45.0, 45.0)}
-_BOUNDS |= dict.fromkeys(_BENT, (-0.1, 0.1)) | {SWING: (0.0, 0.5)}
-_BOUNDS |= dict.fromkeys((LAYER, TILT), (0.0, 10.0)) | {PLANE: (-1.0, 2.0)}
+_BOUNDS |= dict.fromkeys(_BENT, (-0.1, 0.1)) | {SWING: (0.0, 0.5), PLANE: (-1.0, 2.0)}
+_BOUNDS |= dict.fromkeys((LAYER, ROUGHNESS, TILT), (0.0, 10.0))
 
 _MICROMETRE = 1e-7
 """Wear coefficient (mm²/N) times distance (m) that wears a micrometre under 10 MPa."""
@@ -137,6 +137,9 @@ def _limit(scene: Scene, key: str) -> tuple[float, float]:
         # only what it holds counts: the shear's sign is the tangential force's
         least, most = _BOUNDS[key]
         return (0.0, most) if value >= 0.0 else (least, 0.0)
+    if key in BETWEEN and scene.wear is not None:
+        # a bare contact wears on a mesh of its own, to which no difference may be taken
+        return 1e-3, _BOUNDS[key][1]
     if key in _BOUNDS:
         return _BOUNDS[key]
     if key.endswith("_error_deg"):

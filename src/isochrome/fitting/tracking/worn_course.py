@@ -18,6 +18,7 @@ import numpy as np
 
 from isochrome.contact import (
     ContactSetup,
+    Drive,
     GrowingScar,
     OutputState,
     contact_grid,
@@ -30,7 +31,7 @@ from isochrome.contact import (
 )
 from isochrome.errors import InputError, PhysicsError
 from isochrome.fitting.arrays import Array
-from isochrome.fitting.frame.single_state import is_held, with_numerics, with_part
+from isochrome.fitting.frame.single_state import is_held, with_between, with_numerics, with_part
 from isochrome.fitting.frame.unknowns import FRICTION, LEFT, LOAD, TOP, WEAR
 from isochrome.fitting.joint.frame_sequence import local_values
 from isochrome.scene import DistanceTable, Scene
@@ -80,6 +81,8 @@ class WornCourse:
             raise InputError("cannot_tracked_video_frames", key=unknown[0], known=known)
         if scene.friction and scene.friction.static_state_first:
             raise InputError("friction_static_state_first_true_tracked")
+        if scene.load is not None and scene.load.tilt:
+            raise InputError("load_tilt_cannot_tracked")
         self.scene, self.tracked = scene, tracked
         self._thickness_mm = float(scene.get("specimen.thickness_mm"))
         self.past: tuple[Array, Array] | None = None
@@ -115,7 +118,7 @@ class WornCourse:
     def at(self, distance_m: float | None) -> None:
         """Go on to a frame, at a distance (m), None where nothing wears."""
         self._s = s = distance_m or 0.0
-        now = with_part(self.scene, "load", normal_n=self.scene.load_at(s))
+        now = with_part(with_between(self.scene, s), "load", normal_n=self.scene.load_at(s))
         if now.friction is not None:
             now = with_part(now, "friction", coefficient=float(self.scene.friction_at(s)))
         self.now = now.model_copy(update={"wear": None})
@@ -205,9 +208,10 @@ class WornCourse:
             step = _STEP * self._value(WEAR, values)
             self._scar = self._worn_before(more)
         elif law > 0.0:
-            line, mu = self._drive(values)
+            drive = self._drive(values)
+            line = drive.line_load_n_per_mm
             dose = _STEP * (worn + self._elastic_mm2(values)) / line
-            self._scar = scar.grown(self.site, dose, (line, mu), tolerance=GROWTH)
+            self._scar = scar.grown(self.site, dose, drive, tolerance=GROWTH)
             step = self._own_wear * dose * line / law
         try:
             yield step
@@ -220,7 +224,8 @@ class WornCourse:
             return scene_states(scene.model_copy(update={"numerics": self.site.scene.numerics}))[-1]
         line = scene.load_at(0.0) / self._thickness_mm
         mu = float(scene.friction_at(0.0)) if scene.friction else 0.0
-        stop = OutputState(self._s, 0.0, line, mu)
+        between = scene.layer_at(self._s), scene.roughness_at(self._s)
+        stop = OutputState(self._s, 0.0, line, mu, *between)
         for _ in range(_WIDENED):
             assert self._scar is not None
             surface = elastic_state(self.site, self._scar.depth_mm, stop, start=self._pressure)
@@ -281,15 +286,15 @@ class WornCourse:
         loads = self._lines_before(values)
         doses = stop.dose_mm_per_mpa * (-np.diff(_TO_GO) if len(loads) > 1 else np.ones(1))
         # under the load that the frame shows: the scar's edge must be as sharp as that asks for
-        stop = replace(
-            stop, dose_mm_per_mpa=doses[0], line_load_n_per_mm=drive[0], friction=drive[1]
-        )
+        stop = OutputState(stop.distance_m, doses[0], *drive)
         (state,) = worn_states(site, history, [stop])
         if len(loads) == 1:
             return GrowingScar(state.wear_depth_mm, drive, state.pressure_mpa)
-        scar = GrowingScar(state.wear_depth_mm, (loads[0], drive[1]))
+        drive = drive._replace(line_load_n_per_mm=loads[0])
+        scar = GrowingScar(state.wear_depth_mm, drive)
         for load, dose in zip(loads[1:], doses[1:], strict=True):
-            scar = scar.grown(self.site, dose, (load, drive[1]), tolerance=TOLERANCE)
+            drive = drive._replace(line_load_n_per_mm=load)
+            scar = scar.grown(self.site, dose, drive, tolerance=TOLERANCE)
         return scar
 
     def _lines_before(self, values: Array) -> list[float]:
@@ -319,7 +324,7 @@ class WornCourse:
                 worn *= -float(np.trapezoid([loads[0], *loads], _TO_GO)) / loads[0]
             share = self._value(WEAR, values) / self._own_wear if WEAR in self.tracked else 1.0
             return Worn(self._s, worn / share, worn)
-        line, mu = self._drive(values)
+        line, mu, *_ = self._drive(values)
         _, law, worn = self._until
         more = 0.5 * (self._last.drive[0] + line) * self._dose(mu)
         return Worn(self._s, law + more, worn + self._share * more)
@@ -332,10 +337,11 @@ class WornCourse:
         ends = (self._last.drive[1], slid), (friction, self._s)
         return max(0.0, self._s - slid) * 0.5e3 * sum(float(wear_rate(law, *end)) for end in ends)
 
-    def _drive(self, values: Array) -> tuple[float, float]:
-        """The frame's line load (N/mm) and friction by some values."""
+    def _drive(self, values: Array) -> Drive:
+        """What the frame's contact is under by some values."""
         mu = self._value(FRICTION, values) if self.scene.friction else 0.0
-        return self._value(LOAD, values) / self._thickness_mm, mu
+        between = self.scene.layer_at(self._s), self.scene.roughness_at(self._s)
+        return Drive(self._value(LOAD, values) / self._thickness_mm, mu, *between)
 
     def _value(self, key: str, values: Array) -> float:
         if key in self.tracked:
