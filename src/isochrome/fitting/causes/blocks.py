@@ -21,7 +21,16 @@ from isochrome.estimation import (
     line_noise,
 )
 from isochrome.fitting.arrays import Array, Mask
-from isochrome.fitting.causes.cause import BAND, FRINGE_VALUE, MODULUS, PAST, SOFT, YOUNG, Cause
+from isochrome.fitting.causes.cause import (
+    BAND,
+    FRINGE_VALUE,
+    MODULUS,
+    PAST,
+    ROUGH,
+    SOFT,
+    YOUNG,
+    Cause,
+)
 from isochrome.fitting.causes.modes import TractionModes, traction_modes
 from isochrome.fitting.frame.far_model import by_field
 from isochrome.fitting.frame.frame_model import gamma_slope, trust_of_slopes
@@ -33,6 +42,7 @@ from isochrome.fitting.frame.unknowns import (
     GAMMA,
     LENS,
     PIXEL,
+    ROUGHNESS,
     SMOOTH_KEYS,
     SWING,
     TILT,
@@ -55,7 +65,7 @@ _REGIONS = 4
 SHADOW_BLOCKS = 5
 """Depth in blocks that a shadow on the surface may reach: it fades, and its end is not seen."""
 
-_SOLVED = {key: cause.sizes[0] for cause in (PAST, MODULUS, SOFT) for key in cause.keys}
+_SOLVED = {key: cause.sizes[0] for cause in (PAST, MODULUS, SOFT, ROUGH) for key in cause.keys}
 _MECHANICAL = TILT, SWING
 """Keys of a contact's load that enter by their square."""
 _PART = 0.01
@@ -259,8 +269,11 @@ class FrameBlocks:
             return self._turned(self._fields[0] / np.float32(-value))
         if key in _SOLVED:
             # what the contact would be with another modulus, or the scar under another friction
-            step = _PART * _SOLVED[key] * (value if key == YOUNG else 1.0)
-            there = self.scene.with_values({key: value + step})
+            # a logarithm has no slope at nought
+            part = 1.0 if key == ROUGHNESS and not value else _PART
+            step = part * _SOLVED[key] * (value if key == YOUNG else 1.0)
+            wider = {"numerics.window_mm": None} if key == ROUGHNESS else {}
+            there = self.scene.with_values({key: value + step, **wider})
             field = self._renderer.whole(there, self._renderer.field_alone(there))
             return self._turned((np.nan_to_num(self.thin(field)) - self._fields[0]) / step)
         # by the picture's slope, and where the pixels look then: lens, scale and place

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 
 from isochrome.fitting.frame.unknowns import (
+    BETWEEN,
     BLUR,
     EARLIER,
     EDGE,
@@ -11,6 +12,7 @@ from isochrome.fitting.frame.unknowns import (
     LAYER,
     LENS,
     PIXEL,
+    ROUGHNESS,
     SMOOTH_KEYS,
     SWING,
     TILT,
@@ -51,7 +53,7 @@ class Cause:
     @property
     def positive(self) -> bool:
         """Whether its amplitude cannot be negative."""
-        return self.even or (self.keys[0] == LAYER and not self.stated)
+        return self.even or (self.keys[0] in BETWEEN and not self.stated)
 
     @property
     def starts(self) -> tuple[float, ...]:
@@ -64,7 +66,7 @@ class Cause:
 TINY = 1e-9
 """A lens that does nothing: its picture is made as that of one that does."""
 
-_STARTS = dict.fromkeys(LENS, TINY) | {GAMMA: 1.0}
+_STARTS = dict.fromkeys(LENS, TINY) | {GAMMA: 1.0, ROUGHNESS: 0.1}
 
 # sizes: a tripod's and a mount's by eye; a plain lens's; a look that is 2 degrees off the normal
 _ROLL, _DISTORTION, _SIDE, _ABOVE = LENS
@@ -84,6 +86,7 @@ MODULUS = Cause(
 )
 # the asperities of a surface that was ground or milled
 SOFT = Cause("a soft or rough layer between the bodies", (LAYER,), (0.05,))
+ROUGH = Cause("rough surfaces", (ROUGHNESS,), (0.2,))
 # cutters leave some tenths of a MPa; an objective's depth of field
 MACHINED = Cause("stress along a machined surface", EDGE, (0.3, 0.15))
 DEFOCUSED = Cause("a focus off the middle of the plate", (FOCUS,), (0.3,))
@@ -97,10 +100,10 @@ STATED = "what the scene states with an uncertainty"
 
 CAUSES = (
     ROLL, DISTORTION, SIDE, ABOVE, TONE, BLURRED, TURNED, WIDE, SMOOTH, PAST, MODULUS, SOFT,
-    MACHINED, DEFOCUSED, SLANTED, SWUNG, SCALE, STIFF,
+    ROUGH,     MACHINED, DEFOCUSED, SLANTED, SWUNG, SCALE, STIFF,
 )  # fmt: skip
 
-OF_PRESSURE = frozenset((MODULUS.name, SOFT.name))
+OF_PRESSURE = frozenset((MODULUS.name, SOFT.name, ROUGH.name))
 """Causes that make a contact's pressure wider or narrower, as tractions of its own do."""
 
 
@@ -140,7 +143,7 @@ def _has(scene: Scene, key: str) -> bool:
         return scene.is_contact
     if key in (TILT, SWING):  # of an even one all is weighed: a stated one would be found again
         return scene.is_contact and not scene.get(key)
-    if key == LAYER:  # sliding wears it off
+    if key in BETWEEN:  # sliding wears it off
         return scene.is_contact and scene.wear is None
     if key in (PIXEL, FRINGE_VALUE):  # in a contact they look like its modulus
         return not scene.is_contact

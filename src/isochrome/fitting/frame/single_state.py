@@ -146,6 +146,7 @@ def with_numerics(
         scene,
         "numerics",
         spacing_mm=spacing,
-        window_mm=room * grid.spacing_mm * (grid.nodes - 1),
+        # rough surfaces fade out over what their roughness says: each finds its window
+        window_mm=None if scene.roughness_at(0.0) else room * grid.spacing_mm * (grid.nodes - 1),
         tolerance=tolerance or scene.numerics.tolerance,
     )
