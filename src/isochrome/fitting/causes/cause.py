@@ -103,7 +103,7 @@ CAUSES = (
     ROUGH,     MACHINED, DEFOCUSED, SLANTED, SWUNG, SCALE, STIFF,
 )  # fmt: skip
 
-OF_PRESSURE = frozenset((MODULUS.name, SOFT.name, ROUGH.name))
+OF_PRESSURE = frozenset(cause.name for cause in (MODULUS, SOFT, ROUGH, SLANTED))
 """Causes that make a contact's pressure wider or narrower, as tractions of its own do."""
 
 
