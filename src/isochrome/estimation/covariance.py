@@ -28,10 +28,6 @@ _LOUDER = 1.1
 _MOST = 4.0
 """Variance of a block, over the median, beyond which it is no noise."""
 
-_PLANE, _CUBIC, _QUINTIC = 1, 3, 5
-"""Degrees of what is taken off in such a block: off a residual, off the picture itself, and off a
-residual of which it is asked whether it is more than was expected, whatever a model missed."""
-
 _FEWEST = 8
 """Blocks that tell a noise."""
 
@@ -152,9 +148,9 @@ def local_noise(keep: Mask, residual: Array, picture: Array) -> float:
     residual_blocks, picture_blocks = _whole_blocks(keep, residual, picture)
     if len(residual_blocks) < _FEWEST:
         return 1.0
-    if np.median(_rest(residual_blocks, _QUINTIC)) < _LOUDER**2:
+    if np.median(_rest(residual_blocks, degree=5)) < _LOUDER**2:  # whatever a model missed
         return 1.0
-    variance = np.minimum(_rest(residual_blocks, _PLANE), _rest(picture_blocks, _CUBIC))
+    variance = np.minimum(_rest(residual_blocks, degree=1), _rest(picture_blocks, degree=3))
     middle = float(np.median(variance))
     return max(1.0, float(np.sqrt(np.mean(np.minimum(variance, _MOST * middle)))))
 
@@ -166,8 +162,8 @@ def local_correlation(keep: Mask, residual: Array) -> float:
     (blocks,) = _whole_blocks(keep, residual)
     if len(blocks) < _FEWEST:
         return 1.0
-    single = np.maximum(_rest(blocks, _PLANE), 1e-300)
-    plane, side = _polynomials(_PLANE), _SUMS_PX[0]
+    single = np.maximum(_rest(blocks, degree=1), 1e-300)
+    plane, side = _polynomials(degree=1), _SUMS_PX[0]
     blocks -= (blocks @ plane.T) @ plane
     count = _LOCAL_PX // side
     sums = blocks.reshape(-1, count, side, count, side).sum(axis=(2, 4)) / side

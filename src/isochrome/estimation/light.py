@@ -27,10 +27,6 @@ Degrees = tuple[Array, Array]
 Terms = tuple[tuple[int, int], ...]
 """Products P_i(y) P_j(x) of Legendre's polynomials, each as (i, j)."""
 
-UNEVEN, EVEN = 2, 0
-"""Degrees of the illumination and the background of a frame that is fitted with a scene: lamps fall
-off to the corners, and what a room adds is the same all over."""
-
 FIRST_DEGREES = 6, 4
 """Degrees of illumination and background that every light is asked for."""
 
@@ -291,8 +287,9 @@ def frame_light(
     degrees, stand for what is missing.
     """
     if terms is None:
-        even = 1 if bright is not None and dark is None else EVEN
-        terms = total_degree(UNEVEN if bright is None else 1), total_degree(even)
+        # lamps fall off to the corners, and what a room adds is the same all over
+        lamp, room = 2 if bright is None else 1, 1 if bright is not None and dark is None else 0
+        terms = total_degree(lamp), total_degree(room)
     degree = max(degree for part in _all_terms(terms, uneven) for pair in part for degree in pair)
     ends = (np.linspace(-1.0, 1.0, n) if n > 1 else np.zeros(1) for n in shape)
     down, across = (np.polynomial.legendre.legvander(end, 2 * degree).T for end in ends)

@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 LIGHT, TRACTIONS = "more uneven light", "tractions that are not the model's"
 ORDER, SHADOW = "an order that no cause explains", "a shadow on the surface"
 STRESS = "a stress that no cause explains"
-WAVES = {ORDER: slice(0, 1), STRESS: slice(1, 3)}
+WAVES = {ORDER: slice(1), STRESS: slice(1, None)}
 """What no list has, by name, and which waves it is of: see `with_waves`."""
 
 _NOT_COUNTED = (STATED, SCALE.name, STIFF.name)

@@ -25,7 +25,7 @@ from isochrome.scene import STIFFEST_GPA, Scene
 
 _LEAST = 2.0
 """Residual over noise up to which no slip is looked for: small causes are enough."""
-_LEFT = 1.0 / 16.0
+_LEFT = 0.0625
 """Part of what chi² is too large by that a slip may leave, for its small causes."""
 _ALIKE = 0.8
 """Ratio of chi below which a later trial is the better one: mirrored pictures often look alike."""

@@ -24,7 +24,7 @@ EARLIER = "friction.earlier_change"
 BETWEEN = LAYER, ROUGHNESS = "contact.layer_um_per_mpa", "contact.roughness_um"
 PLANE = "specimen.plane_stress_share"
 FOCUS, SWING, TILT = "camera.focus_mm", "load.swing", "load.tilt"
-EDGE = ("specimen.edge_stress_mpa", "specimen.edge_depth_mm")
+EDGE = EDGE_STRESS, EDGE_DEPTH = "specimen.edge_stress_mpa", "specimen.edge_depth_mm"
 LEFT, TOP, GAMMA, BLUR = "camera.left_mm", "camera.top_mm", "frames.gamma", "camera.blur_px"
 
 LENS = ("camera.roll_deg", "camera.distortion", "camera.keystone_x", "camera.keystone_z")
@@ -50,7 +50,7 @@ _MICROMETRE = 1e-7
 _LITTLE = 0.01
 """Share of that below which a coefficient says nothing of how far it may change."""
 
-_SIGNED = (LEFT, TOP, TANGENTIAL, FOCUS, EDGE[0])
+_SIGNED = (LEFT, TOP, TANGENTIAL, FOCUS, EDGE_STRESS)
 """Unknowns of either sign, which a start at a small value says nothing of."""
 
 
