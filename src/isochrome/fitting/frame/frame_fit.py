@@ -122,7 +122,7 @@ _HALO = 2.5
 """Standard deviations of a blur by which that depth grows (measured at 1.5 px: friction errs by 16
 of its uncertainties without, by less than one with)."""
 
-_LEAST = {BLUR: 0.3, TILT: 0.1}
+_LEAST = dict.fromkeys((BLUR, TILT), 0.3)
 """Where a free blur (px) and tilt (1/mm) start at least: from none they have no slope."""
 
 _CHANCE = 100.0
