@@ -147,7 +147,7 @@ def test_load_and_friction_follow_the_dose_where_it_bends_and_where_it_stops():
     assert full == pytest.approx(4e-6 * 50.0, rel=1e-13)
     for share in np.r_[np.random.default_rng(1).uniform(0, 1, 200), 1 - 1e-9, 0.0, 1.0]:
         done = 1.0 - np.sqrt(1.0 - share)
-        load, mu = course.at(share * full)
+        load, mu, *_ = course.at(share * full)
         # what the samples are laid for, a thousandth of the tolerance, and the dose's own rounding
         rounding = 2e-16 / max(np.sqrt(1.0 - share), 1.5e-8)
         assert mu == pytest.approx(0.1 + 0.3 * done, abs=0.4 * (1e-9 + rounding))
@@ -157,12 +157,12 @@ def test_load_and_friction_follow_the_dose_where_it_bends_and_where_it_stops():
 def test_a_course_of_constants_needs_two_samples():
     course, stops = wear_course(scene())
     assert len(course.distance_m) == 2 and course.breaks_mm_per_mpa == ()
-    assert course.at(1e-4) == (11.0, 0.25)
+    assert course.at(1e-4) == (11.0, 0.25, 0.0, 0.0)
     steady, same = constant_course(11.0, [0, 31, 77, 155, 233], dose_per_m=2e-6, friction=0.25)
     assert [s.dose_mm_per_mpa for s in stops] == pytest.approx(
         [s.dose_mm_per_mpa for s in same], rel=1e-14
     )
-    assert steady.at(2e-4) == (11.0, 0.25)
+    assert steady.at(2e-4) == (11.0, 0.25, 0.0, 0.0)
 
 
 def test_a_jump_while_nothing_wears_is_told_from_both_sides():

@@ -14,13 +14,11 @@ from isochrome.errors import PhysicsError
 from isochrome.reference import hertz_pressure, wedge_half_width, wedge_pressure
 
 
-def solved(gap, n, *, half=0.8, load=LOAD, coupling=0.0, modulus=MODULUS, layer=0.0, **options):
+def solved(gap, n, *, half=0.8, load=LOAD, coupling=0.0, modulus=MODULUS, **options):
     """Nodes, spacing and solution of a gap function on n nodes over -half .. half."""
     x = np.linspace(-half, half, n)
     h = x[1] - x[0]
-    surface = make_surface(
-        n, h, contact_modulus_mpa=modulus, coupling_per_mpa=coupling, layer_mm_per_mpa=layer
-    )
+    surface = make_surface(n, h, contact_modulus_mpa=modulus, coupling_per_mpa=coupling)
     return x, h, solve_pressure(surface, gap(x), load, **options)
 
 
@@ -60,7 +58,7 @@ def test_a_layer_on_a_rigid_body_is_winklers_foundation(n):
     """p = (a^2 - x^2) / (2 R c), a^3 = 3 R c P' / 2: Johnson (1985), section 4.3."""
     layer = 1e-3
     half = (1.5 * RADIUS * layer * LOAD) ** (1 / 3)
-    x, h, state = solved(parabola, n, half=2 * half, modulus=1e6 * MODULUS, layer=layer)
+    x, h, state = solved(parabola, n, half=2 * half, modulus=1e6 * MODULUS, layer_mm_per_mpa=layer)
     want = np.maximum(half**2 - x**2, 0.0) / (2 * RADIUS * layer)
     # the edges lie between nodes, where the pressure has a slope: an error of second order
     assert state.pressure == pytest.approx(want, abs=2 * (h / half) ** 2 * want.max())
@@ -70,7 +68,7 @@ def test_a_layer_on_a_rigid_body_is_winklers_foundation(n):
 def test_a_layer_that_gives_way_little_leaves_hertz_with_an_error_of_its_compliance():
     off = []
     for layer in (0.0, 1e-7, 2e-7):
-        _, _, state = solved(parabola, 801, layer=layer)
+        _, _, state = solved(parabola, 801, layer_mm_per_mpa=layer)
         off.append(state.pressure.max())
     # its first order: half of the compliance, half of the change
     assert off[1] - off[0] == pytest.approx(0.5 * (off[2] - off[0]), rel=0.02)
@@ -163,7 +161,7 @@ def test_every_contact_holds_its_conditions(seed, n, load, friction, wear):
     gap += np.linspace(-1, 1, n) ** 2 * 0.01
     h = 1.0 / n
     surface = make_surface(n, h, contact_modulus_mpa=MODULUS, coupling_per_mpa=2 / MODULUS)
-    state = solve_pressure(surface, gap, load, friction=friction, wear_mm_per_mpa=wear)
+    state = solve_pressure(surface, gap, load, friction=friction, layer_mm_per_mpa=wear)
     assert_contact_conditions(state, h, load, wear)
     # and the gap is the one of that pressure
     made = gap + displacement(surface, state.pressure, friction=friction) + wear * state.pressure

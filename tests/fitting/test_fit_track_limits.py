@@ -11,7 +11,15 @@ from scipy.ndimage import gaussian_filter
 from fitting.engine_frames import light_of, prepared
 from fitting.test_fit_track import FRICTION, LOAD, SHAPE, contact
 from fitting.test_fit_track_worn import WEAR, worn_film
-from isochrome.contact import GrowingScar, contact_grid, make_site, wear, wear_course, worn_states
+from isochrome.contact import (
+    Drive,
+    GrowingScar,
+    contact_grid,
+    make_site,
+    wear,
+    wear_course,
+    worn_states,
+)
 from isochrome.fitting import Tracked, Tracker, placed, track
 from isochrome.fitting.result import make_track, track_row
 from isochrome.fitting.tracking.tracker import TrackedModel
@@ -184,7 +192,7 @@ def worn(*distances):
     largest = 2.0 * float(history.dose_mm_per_mpa[-1])
     site = make_site(scene, contact_grid(scene, largest_dose_mm_per_mpa=largest))
     scars = [
-        GrowingScar(state.wear_depth_mm, (LINE, 0.2), state.pressure_mpa)
+        GrowingScar(state.wear_depth_mm, Drive(LINE, 0.2), state.pressure_mpa)
         for state in worn_states(site, history, stops)
     ]
     return site, scars, [stop.dose_mm_per_mpa for stop in stops]
@@ -197,7 +205,7 @@ def test_a_scar_that_is_stepped_on_is_the_one_worn_in_one_go(monkeypatch):
     monkeypatch.setattr(wear, "_advance", lambda *given: steps.append(1) or take(*given))
     first, count = scar, 10
     for _ in range(count):
-        scar = scar.grown(site, (end - begun) / count, (LINE, 0.2), tolerance=GROWTH)
+        scar = scar.grown(site, (end - begun) / count, Drive(LINE, 0.2), tolerance=GROWTH)
     grown = (whole.depth_mm - first.depth_mm).max()
     error = np.sqrt(np.mean((scar.depth_mm - whole.depth_mm) ** 2)) / grown
     # mesh and grid differ by 2e-4; steps of the first order leave 4e-4
@@ -206,9 +214,9 @@ def test_a_scar_that_is_stepped_on_is_the_one_worn_in_one_go(monkeypatch):
 
 def test_a_scar_goes_on_from_its_plain_numbers_as_it_would_have():
     site, (scar, _), _ = worn(40.0, 44.0)
-    scar = scar.grown(site, 1e-6, (1.01 * LINE, 0.2), tolerance=GROWTH)
+    scar = scar.grown(site, 1e-6, Drive(1.01 * LINE, 0.2), tolerance=GROWTH)
     again = GrowingScar.from_json(json.loads(json.dumps(scar.to_json())))
-    one, other = (s.grown(site, 1e-6, (LINE, 0.2), tolerance=GROWTH) for s in (scar, again))
+    one, other = (s.grown(site, 1e-6, Drive(LINE, 0.2), tolerance=GROWTH) for s in (scar, again))
     np.testing.assert_array_equal(one.depth_mm, other.depth_mm)
 
 
@@ -216,18 +224,20 @@ def test_a_load_that_was_corrected_is_no_jump_that_steps_follow(monkeypatch):
     """No step, however short, foresees it: 60 of 69 steps once shrank for it."""
     site, (scar, _), (begun, end) = worn(40.0, 44.0)
     dose, steps = 0.1 * (end - begun), []
-    scar = scar.grown(site, dose, (LINE, 0.2), tolerance=GROWTH)
+    scar = scar.grown(site, dose, Drive(LINE, 0.2), tolerance=GROWTH)
     take = wear._advance
     monkeypatch.setattr(wear, "_advance", lambda *given: steps.append(1) or take(*given))
-    replace(scar, drive=(1.02 * LINE, 0.2)).grown(site, dose, (1.03 * LINE, 0.2), tolerance=GROWTH)
+    replace(scar, drive=Drive(1.02 * LINE, 0.2)).grown(
+        site, dose, Drive(1.03 * LINE, 0.2), tolerance=GROWTH
+    )
     assert len(steps) <= 12  # 9
 
 
 def test_a_scar_grows_under_the_loads_on_its_way():
     """From half of the load to all of it: the worn area is their mean times the dose."""
     site, _, (dose,) = worn(44.0)
-    unworn = GrowingScar(np.zeros(site.grid.nodes), (0.5 * LINE, 0.2))
-    scar = unworn.grown(site, dose, (LINE, 0.2), tolerance=1e-4)
+    unworn = GrowingScar(np.zeros(site.grid.nodes), Drive(0.5 * LINE, 0.2))
+    scar = unworn.grown(site, dose, Drive(LINE, 0.2), tolerance=1e-4)
     area = scar.depth_mm.sum() * site.grid.spacing_mm
     assert area == pytest.approx(0.75 * LINE * dose, rel=5e-4)
 
@@ -236,8 +246,8 @@ def test_a_scar_grows_on_where_the_load_in_hand_touches_it():
     """11 N/mm wore it, 6 N/mm are on it: the half-width of a contact goes with the root of these.
     Worn on by loads of long ago, what a frame says of its wear was wrong by half."""
     site, (scar,), (dose,) = worn(0.1)
-    on = scar.grown(site, 0.01 * dose, (6.0, 0.2), tolerance=GROWTH)
-    more = on.grown(site, 0.5 * dose, (6.0, 0.2), tolerance=GROWTH).depth_mm - on.depth_mm
+    on = scar.grown(site, 0.01 * dose, Drive(6.0, 0.2), tolerance=GROWTH)
+    more = on.grown(site, 0.5 * dose, Drive(6.0, 0.2), tolerance=GROWTH).depth_mm - on.depth_mm
     wide = [np.count_nonzero(depth > 0.05 * depth.max()) for depth in (scar.depth_mm, more)]
     assert wide[1] / wide[0] == pytest.approx(np.sqrt(6.0 / 11.0), rel=0.03)
 

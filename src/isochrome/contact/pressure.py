@@ -223,22 +223,27 @@ class ActiveSystem:
         self.surface, self.gap, self.friction, self.diagonal = surface, gap, friction, diagonal
         self.total = load / surface.spacing_mm
         lattice = combined(surface.lattice_normal, surface.lattice_coupling, friction)
-        self.inverse = 1.0 / (lattice + np.min(diagonal))
-        self.deep = bool(np.any(diagonal))
-        # of nodes whose diagonal is larger than a short wave's stiffness: alone they would be 1/c
-        short = float(surface.lattice_normal[-1])
-        self.weight = np.sqrt((short + np.min(diagonal)) / (short + diagonal))
+        self.weight: Floats | None = None
+        if isinstance(diagonal, np.ndarray):
+            # nodes whose diagonal is more than a short wave's share give way by it alone
+            least, short = float(diagonal.min()), float(surface.lattice_normal[-1])
+            self.weight = np.sqrt((short + least) / (short + diagonal))
+            diagonal = least
+        self.bare = diagonal == 0.0
+        self.inverse = 1.0 / (lattice + diagonal)
 
     def apply(self, pressure: Floats) -> Floats:
         """Displacement that a pressure makes, that on the diagonal included."""
         u = displacement(self.surface, pressure, friction=self.friction)
-        return u + self.diagonal * pressure if self.deep else u
+        return u if self.bare else u + self.diagonal * pressure
 
     def precondition(self, inside: Floats, residual: Floats) -> Floats:
         """The lattice's inverse, cut to the contact set (1 inside, 0 outside)."""
         length = self.surface.length
-        z = scipy.fft.irfft(self.inverse * scipy.fft.rfft(self.weight * residual, length), length)
-        return np.asarray(inside * self.weight * z[: self.surface.nodes])
+        if self.weight is not None:
+            inside, residual = inside * self.weight, residual * self.weight
+        z = scipy.fft.irfft(self.inverse * scipy.fft.rfft(residual, length), length)
+        return np.asarray(inside * z[: self.surface.nodes])
 
     def solve(self, active: Mask, start: Floats, tolerance: float, *, look: bool) -> ActiveSet:
         """Solve with contact on `active` to a relative residual, from a pressure near by. By

@@ -20,8 +20,8 @@ from isochrome.scene import DistanceTable, Scene, Wear
 Rate = Callable[[Floats], Floats]
 """Dose over the distance slid, at distances (m)."""
 
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
-_LEGENDRE = np.polynomial.Legendre.basis(len(_NODES))
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(8)
+_LEGENDRE = np.polynomial.Legendre.basis(len(NODES))
 _INNER = np.real(_LEGENDRE.deriv().roots())
 _INNER_WEIGHTS = 2.0 / (72.0 * _LEGENDRE(_INNER) ** 2)
 """Gauss-Lobatto's rule, as exact as Gauss's by other nodes, of which these lie inside."""
@@ -56,7 +56,7 @@ def kinks_of(scene: Scene, end: float) -> Floats:
 
 
 def integral(
-    rate: Rate, a: Floats, b: Floats, *, nodes: Floats = _NODES, weights: Floats = _WEIGHTS
+    rate: Rate, a: Floats, b: Floats, *, nodes: Floats = NODES, weights: Floats = WEIGHTS
 ) -> Floats:
     """Integrals ∫ rate ds (m,) over smooth stretches from `a` to `b` (m,), m, by Gauss-Legendre.
     `nodes`, `weights` (k,) of another rule on -1 to 1."""
@@ -252,9 +252,9 @@ def mean_wear_rate(wear: Wear, friction: float | Floats, distance_m: float) -> F
     eight points, and exactly kappa where it does not go with the distance; `wear_course` gives the
     dose itself. The coefficient of [wear] may be an array (m,) of those that a search tries."""
     mu: Any = friction
-    places = [0.5 * distance_m * (1.0 + float(node)) for node in _NODES]
+    places = [0.5 * distance_m * (1.0 + float(node)) for node in NODES]
     first, *others = [wear_rate(wear, mu, np.full(np.shape(mu), s)) for s in places]
-    steps = [0.5 * w * (r - first) for w, r in zip(_WEIGHTS[1:], others, strict=True)]
+    steps = [0.5 * w * (r - first) for w, r in zip(WEIGHTS[1:], others, strict=True)]
     return np.asarray(first + np.sum(steps, axis=0))
 
 

@@ -193,9 +193,6 @@ class Load(imaging.ScenePart):
     normal_n : float or PositiveTable
         Normal load, N; of a contact a number, or a table over distance; or in its place `file`, a
         CSV file with the columns distance_m (or time_s) and normal_n, as for `Friction`.
-    tilt : float, default 0.0
-        Change of a contact's line load through the thickness, of its mean, 1/mm: P'(y) = P'
-        (1 + tilt y), y from the middle; where that is below nought the bodies do not touch.
     tangential_n : float, optional
         Tangential load of a stuck contact, N.
     bulk_mpa : float, optional
@@ -204,6 +201,9 @@ class Load(imaging.ScenePart):
         Change of the bulk stress along the surface, MPa/mm.
     bulk_along_z_mpa_per_mm : float, optional
         Change of the bulk stress with depth (bending), MPa/mm.
+    tilt : float, default 0.0
+        Change of a contact's line load through the thickness, of its mean, 1/mm: P'(y) = P'
+        (1 + tilt y), y from the middle; where that is below nought the bodies do not touch.
     inner_span_mm : float, optional
         Distance between the inner rollers of a beam, mm.
     outer_span_mm : float, optional
@@ -219,6 +219,7 @@ class Load(imaging.ScenePart):
     bulk_mpa: imaging.Finite | None = None
     bulk_along_x_mpa_per_mm: imaging.Finite | None = None
     bulk_along_z_mpa_per_mm: imaging.Finite | None = None
+    tilt: imaging.Finite = 0.0
     inner_span_mm: imaging.Positive | None = None
     outer_span_mm: imaging.Positive | None = None
     tilt: imaging.Finite = 0.0

@@ -124,8 +124,8 @@ _HALO = 2.5
 """Standard deviations of a blur by which that depth grows (measured at 1.5 px: friction errs by 16
 of its uncertainties without, by less than one with)."""
 
-_LEAST = {BLUR: 0.3, SWING: 0.01, TILT: 0.1}
-"""Where what enters by its square starts at least: from nought it has no slope."""
+_LEAST = {SWING: 0.01} | dict.fromkeys((BLUR, TILT), 0.3)
+"""Where what enters by its square starts at least (px, 1/mm): from nought it has no slope."""
 
 _CHANCE = 100.0
 """Wald's statistic of an illumination that noise alone does not reach: it leaves up to 21 where
