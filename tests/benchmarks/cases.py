@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from . import (
+    case_benches,
     case_contacts,
     case_defects,
     case_fit,
@@ -43,7 +44,7 @@ SUITES = {"speed": Suite(lambda: CASES, "bench", report.table, report.figure)} |
     name: _suite(module, name)
     for name, module in {
         "fringes": case_fringes, "fit": case_fit, "defects": case_defects,
-        "contacts": case_contacts, "inputs": case_inputs, "track": case_track,
-        "memory": case_memory, "tolerance": case_tolerance,
+        "contacts": case_contacts, "benches": case_benches, "inputs": case_inputs,
+        "track": case_track, "memory": case_memory, "tolerance": case_tolerance,
     }.items()
 }  # fmt: skip

@@ -152,6 +152,22 @@ class DefectRow:
 
 
 @dataclass(frozen=True)
+class BenchRow(DefectRow):
+    """One frame of a bench with facts that its scene leaves out.
+
+    Its `state` of the contact; `young_percent`, the modulus's error, `young_spread`, its standard
+    uncertainty in per cent, and `young_pull` (NaN: not fitted); `freed_in_vain`, how many causes
+    were named that are not there.
+    """
+
+    state: str = ""
+    young_percent: float = _NAN
+    young_spread: float = _NAN
+    young_pull: float = _NAN
+    freed_in_vain: int = 0
+
+
+@dataclass(frozen=True)
 class InputRow:
     """One frame whose stated inputs are off by chance.
 
