@@ -222,7 +222,6 @@ class Load(imaging.ScenePart):
     tilt: imaging.Finite = 0.0
     inner_span_mm: imaging.Positive | None = None
     outer_span_mm: imaging.Positive | None = None
-    tilt: imaging.Finite = 0.0
     swing: Annotated[float, Field(ge=0, lt=1)] = 0.0
     added_tractions: AddedTractions | None = None
 
