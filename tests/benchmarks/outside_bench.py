@@ -47,8 +47,9 @@ class BenchContact(Contact):
 
     `modulus_change` of the plate's E against the scene's, relative; `plane_stress`, the bodies' own
     where the scene says strain; `layer_mm_per_mpa` or `roughness_mm`, λ; `tilt`, relative change of
-    the load at the faces (beyond 1 the one side lifts off); `focus_mm`, positive where the picture
-    shows places moved towards larger σ1 + σ2; stress along the edge, `edge_mpa`, falling over
+    the load at the faces (beyond 1 the one side lifts off); `focus_mm`, towards the camera, from the
+    plane in which light seems to come from the stress that it met, a sixth of the plate's apparent
+    thickness before its middle; stress along the edge, `edge_mpa`, falling over
     `edge_mm`; `fringe_change` of f_sigma, relative; `swing`, a sine of the load in the exposure,
     relative; `smooth_mpa` and `bending_mpa_per_mm`, along the surface; `worn_m`, a distance slid.
     Roll and blur are the `defects`'. The picture begins at the surface: `top_mm` is 0.
@@ -247,7 +248,9 @@ class BenchContact(Contact):
             at = at + 0.5 * length / step * slope
             mean = np.where(at[0] < -0.5, np.nan, mean)  # through the surface
         out = INDEX * slope  # refracted at the face
-        return mean, at + out * (self.focus_mm - 0.5 * self.thickness_mm / INDEX) / step
+        # of a parabola the mean stress lies a third of its end's way off: a sixth of the thickness
+        away = self.focus_mm + (1.0 / 6.0 - 0.5) * self.thickness_mm / INDEX
+        return mean, at + out * away / step
 
     def frame(self, seed=0, harm=None):
         """The stored grey levels (rows, cols); `harm`, what is done to the light before."""

@@ -42,6 +42,7 @@ class FrameData(Observation):
     lamp: LightModel  # what illumination and background are sums of
     noise_ratio: float = 1.0  # over what the finest part shows, which compression takes away
     waves: Array | None = None  # (3, k), of what no cause explains: see `with_waves`
+    bent: Array | None = None  # (rows, cols), share of the light that is not sure: see `less_sure`
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -81,6 +82,19 @@ class FrameData(Observation):
             raw_sigma=share * self.raw_sigma,
             noise_ratio=ratio * self.noise_ratio,
         )
+
+    def less_sure(self, share: Array | None) -> FrameData:
+        """The frame with a share (rows, cols) of its light as noise besides, where stresses bend
+        light so much that its density changes, in place of what it has of it."""
+        if share is None and self.bent is None:
+            return self
+        more = np.zeros(self.shape, np.float32)
+        for sign, part in ((1.0, share), (-1.0, self.bent)):
+            if part is not None:
+                more += np.float32(sign) * np.square(part)
+        sigma = np.sqrt(np.square(self.sigma) + more * np.square(self.light))
+        stored = np.sqrt(np.square(self.raw_sigma) + more * np.square(self.raw / self.gamma))
+        return replace(self, sigma=sigma, raw_sigma=stored, bent=share)
 
     def lying(self, move: Callable[[Array], Array]) -> FrameData:
         """The frame, its mask and its no-load light turned or mirrored by `move`, of images."""

@@ -43,7 +43,8 @@ from isochrome.fitting.causes.slips import Slip, explaining_slip, is_lost
 from isochrome.fitting.causes.solution import Askable, Change, FrameSolution
 from isochrome.fitting.causes.trial import Expected, Trial
 from isochrome.fitting.frame.far_model import FAR
-from isochrome.fitting.frame.frame_fit import fit_with_model
+from isochrome.fitting.frame.frame_fit import fit_with_model, placed
+from isochrome.fitting.frame.renderer import bent_share
 from isochrome.fitting.frame.unknowns import StatedInputs, limits
 from isochrome.scene import Scene
 
@@ -603,6 +604,7 @@ def fit_with_causes(
     the scene explains nothing; `past`, whether another friction before, which the block's scar
     remembers, may be freed.
     """
+    data = data.less_sure(bent_share(placed(scene, data.shape), data.shape))
     try:
         fitted = fit_with_model(data, scene, keys, cold=cold, stated=stated)
     except PhysicsError as error:

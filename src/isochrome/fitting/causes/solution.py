@@ -24,6 +24,7 @@ from isochrome.fitting.causes.trial import Expected, Trial, TrialModel, through_
 from isochrome.fitting.frame.far_model import student_cost
 from isochrome.fitting.frame.frame_fit import Fitted, FrameFit, fit_with_model, hidden_px
 from isochrome.fitting.frame.frame_model import FrameModel, stored
+from isochrome.fitting.frame.renderer import bent_share
 from isochrome.fitting.frame.single_state import with_numerics
 from isochrome.fitting.frame.unknowns import GAMMA, StatedInputs, fit_region, moved_scene, values_of
 from isochrome.scene import Scene
@@ -293,6 +294,7 @@ class FrameSolution(Askable):
             data = replace(data, waves=change.waves if change.waves.any() else None)
         if change.outside is not None:
             data = replace(data, valid=data.valid & ~whole_picture(change.outside, data.shape))
+        data = data.less_sure(bent_share(scene, data.shape))
         return data, (*keys, *change.added), scene
 
 

@@ -377,6 +377,30 @@ class SceneRenderer:
         raise AssertionError("unreachable")
 
 
+_APPARENT = 9.0
+"""Six times a plate's refractive index: light of its middle seems to come from a sixth of its
+apparent thickness before it."""
+
+
+def bent_share(scene: Scene, shape: tuple[int, int]) -> Array | None:
+    """Share (rows, cols) of the light that is not sure where stresses bend it; None where the focus
+    is no matter. With s = d C h grad S the light's density changes, as it is lit, by |grad s|², and
+    on its bent way it meets orders that differ by grad N s grad s and s grad grad N s / 2.
+    """
+    bend, thickness = abs(scene.bend_mm2_per_mpa), scene.specimen.thickness_mm
+    if not bend:
+        return None
+    assert thickness is not None
+    bend += abs(scene.specimen.caustic_constant_mm2_per_n) * thickness**2 / _APPARENT
+    renderer, pixel = SceneRenderer(scene, shape), pixel_grid(scene, shape).pixel_mm
+    shift = np.float32(bend) * renderer.gradient(scene)
+    steep, shift = np.abs(np.gradient(shift, pixel, axis=1)), np.abs(shift)
+    order = scene_optics(scene).order(renderer.difference(scene, renderer.state(scene)))
+    slope = np.hypot(*np.gradient(order, pixel))
+    differs = shift * (slope * steep + 0.5 * np.hypot(*np.gradient(slope, pixel)) * shift)
+    return np.asarray(np.hypot(steep**2, np.pi * differs), np.float32)
+
+
 def with_waves(scene: Scene, field: Array, waves: Array) -> Array:
     """A field with more than the scene's: `waves` (3, rows, cols) are its share that is more, as of
     a plate that is warm or uneven, and the fringes of both parts of a stress, as of a clamp or a
