@@ -148,17 +148,19 @@ def _contact_reach(
     per_load = 2.0 * math.sqrt(radius / (math.pi * modulus))
     finest, hertz = (per_load * math.sqrt(load) for load in loads)
     # a layer gives way as wear does
-    dose = dose + _largest(scene.contact.layer_um_per_mpa)
+    dose = dose + _ends(scene.contact.layer_um_per_mpa)[1]
     worn = (1.5 * radius * dose) ** (1.0 / 3.0) * loads[1] ** (1.0 / 3.0)
     widest = max(hertz, worn)
     reach = widest * ((hertz / widest) ** 3 + (worn / widest) ** 3) ** (1.0 / 3.0)
+    # beside a contact the gap is at least (x - a)²/(2R)
+    least, most = (math.sqrt(radius) * math.sqrt(v) for v in _ends(scene.contact.roughness_um))
+    finest = math.hypot(finest, least)
+    reach += math.sqrt(-2.0 * math.log(NO_PRESSURE)) * most
     if not reach <= STEEPEST * radius:
         name = scene.name
         raise PhysicsError(
             "contact_half_width_would", name=name, reach=reach, steepest=STEEPEST, radius=radius
         )
-    # beside a contact the gap is at least (x - a)²/(2R)
-    reach += math.sqrt(-2.0 * radius * _largest(scene.contact.roughness_um) * math.log(NO_PRESSURE))
     if indenter.profile is not None:
         x, _ = read_profile(scene.path(indenter.profile))
         gap = undeformed_gap(scene, x)
@@ -300,9 +302,10 @@ def mean_state(scene: Scene, states: tuple[SurfaceState, ...]) -> SurfaceState:
     )  # fmt: skip
 
 
-def _largest(between: float | DistanceTable) -> float:
-    """The largest of a layer's (mm/MPa) or a roughness's (mm) values, given in um."""
-    return 1e-3 * (max(between.value) if isinstance(between, DistanceTable) else between)
+def _ends(between: float | DistanceTable) -> tuple[float, float]:
+    """The least and the largest of a layer's (mm/MPa) or a roughness's (mm) values, given in um."""
+    values = between.value if isinstance(between, DistanceTable) else (between,)
+    return 1e-3 * min(values), 1e-3 * max(values)
 
 
 def _carried(outer: float, inner: float) -> float:
