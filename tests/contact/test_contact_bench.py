@@ -28,7 +28,6 @@ from isochrome.contact import (
     wear_course,
 )
 from isochrome.errors import InputError
-from isochrome.fitting import Tracker
 from isochrome.reference import hertz_pressure
 from isochrome.scene import load_scene
 from isochrome.specimens import specimen_model
@@ -242,7 +241,7 @@ CASES = {
 def test_each_slice_is_a_contact_under_its_own_load(name, tilt):
     """In every state: the mean of contacts with parts of the loads, which wear by themselves."""
     scene = CASES[name].with_values({"load.tilt": tilt} | COARSE)
-    shares, weights = state._slice_loads(scene)
+    shares, weights = state.slice_loads(scene)
     whole = scene.load.normal_n
     parts = []
     for share in shares.tolist():
@@ -296,11 +295,9 @@ def test_a_scene_without_a_tilt_is_one_slice():
     assert state.slices(PAPER) == [PAPER] and PAPER.is_bare
 
 
-def test_a_tilt_needs_a_contact_and_is_not_tracked():
+def test_a_tilt_needs_a_contact():
     with pytest.raises(InputError, match=r"load\.tilt is the change of a contact's load"):
         load_scene("ring").with_values({"load.tilt": 0.1})
-    with pytest.raises(InputError, match=r"load\.tilt is not followed from frame to frame"):
-        Tracker(sliding(load__tilt=0.1), ("load.normal_n",), bit_depth=None)
 
 
 # What lies between the bodies, over distance
