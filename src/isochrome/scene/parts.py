@@ -164,9 +164,6 @@ class AddedTractions(imaging.ScenePart):
     shear_mpa: Annotated[tuple[imaging.Finite, ...], Field(min_length=2, max_length=1000)]
 
 
-Tilt = Annotated[float, Field(ge=-100, le=100)]
-
-
 class Load(imaging.ScenePart):
     """The forces: normal (diametral; or the whole bending load), tangential, bulk stress, spans.
 
@@ -199,7 +196,7 @@ class Load(imaging.ScenePart):
     bulk_mpa: imaging.Finite | None = None
     bulk_along_x_mpa_per_mm: imaging.Finite | None = None
     bulk_along_z_mpa_per_mm: imaging.Finite | None = None
-    tilt: Tilt = 0.0
+    tilt: Annotated[float, Field(ge=-100, le=100)] = 0.0
     inner_span_mm: imaging.Positive | None = None
     outer_span_mm: imaging.Positive | None = None
     added_tractions: AddedTractions | None = None
