@@ -153,6 +153,20 @@ def test_rough_bodies_of_any_form_touch(kind):
         assert h * rough.pressure.sum() == pytest.approx(LOAD, rel=1e-9)
 
 
+def test_a_rough_contact_does_not_depend_on_where_the_solver_starts():
+    """Hard case: waves that part the contact, from noise."""
+
+    def waves(x):
+        return parabola(x) + 1.6e-3 * np.cos(2 * np.pi * x / 0.07)
+
+    options = {"gap": waves, "coupling": COUPLING, "friction": -0.6, "roughness_mm": 1e-5}
+    _, _, _, cold = solved(2501, 1.0, **options)
+    rng = np.random.default_rng(0)
+    start = rng.random(2501) * rng.integers(0, 2, 2501)
+    _, _, _, other = solved(2501, 1.0, **options, start=start)
+    assert other.pressure == pytest.approx(cold.pressure, abs=1e-6 * cold.pressure.max())
+
+
 def test_a_rough_contact_of_a_scene_lies_on_its_grid_and_has_a_width():
     """Hard case: large roughness. The pressure is nothing at the grid's ends; the width is that of
     a hundredth of the largest, Hertz's where the roughness vanishes."""
