@@ -421,7 +421,7 @@ NO_PRESSURE = float(np.sqrt(np.finfo(float).eps))
 def _rough_pressure(
     system: ActiveSystem, roughness: float, start: Floats, tolerance: float
 ) -> ContactState | None:
-    """Pressure between rough surfaces, p ~ exp(-separation/lambda): gap + u + c p + lambda ln p = d.
+    """Pressure of rough surfaces, p ~ exp(-separation/lambda): gap + u + c p + lambda ln p = d.
     Newton's method: lambda/p is on the tangent's diagonal. Where p falls ln p takes the step, where
     it rises p: of a concave function's two forms the one that does not overshoot. None where it
     does not come to rest. Source: Greenwood & Williamson (1966), Proc. R. Soc. A 295, 300."""
