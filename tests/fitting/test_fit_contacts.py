@@ -9,7 +9,7 @@ from benchmarks import case_contacts, case_defects
 from benchmarks.outside_unlisted import UnlistedContact
 from fitting.engine_frames import prepared
 from fitting.sliding_bench import bench
-from isochrome import samples
+from isochrome import fit, samples, simulate
 from isochrome.contact import SurfaceState
 from isochrome.errors import InputError
 from isochrome.estimation import Evidence, Hypothesis, Sets
@@ -146,6 +146,48 @@ def test_pixels_of_a_beam_that_a_lens_moves_off_it_end_no_trial():
 def test_a_layer_needs_an_indenter():
     with pytest.raises(InputError, match=r"\[contact\] says what lies between two bodies"):
         load_scene("ring").with_values({"contact.layer_um_per_mpa": 0.1})
+
+
+@pytest.mark.parametrize(
+    ("key", "true", "slid_m"),
+    [
+        ("load.tilt", 0.25, None), ("load.tilt", 0.8, None), ("load.tilt", 0.25, 31.0),
+        ("contact.roughness_um", 0.2, None), ("contact.roughness_um", 0.2, 31.0),
+    ],
+)  # fmt: skip
+def test_what_a_bench_adds_to_a_contact_is_fitted_from_none(key, true, slid_m, tmp_path):
+    """Hard cases: one side lifted off, and worn with it. A tilt has no slope at nought, and the
+    bare worn contact is solved on a mesh of its own."""
+    plain = bench(124, 165).with_values({"camera.noise_grey": 2.0})
+    if slid_m is not None:
+        wear = {"coefficient_mm2_per_n": 2e-9, "distances_m": (slid_m,)}
+        plain = load_scene(plain.model_dump(exclude_none=True) | {"wear": wear})
+    load_n = plain.load_at(0.0)
+    simulate(plain.with_values({key: true}), tmp_path / "simulated")
+    start = plain.with_values({"load.normal_n": 0.98 * load_n})
+    frames = tmp_path / "simulated" / "frames.tif"
+    free = ["load.normal_n", "friction.coefficient", key]
+    table = fit(frames, start, free, as_stated=True).table
+    found = dict(
+        zip(
+            table["key"],
+            zip(table["value"], table["standard_uncertainty"], strict=True),
+            strict=True,
+        )
+    )
+    for one, want in ((key, true), ("load.normal_n", load_n)):
+        value, spread = found[one]
+        assert abs(value - want) < 4.0 * spread and spread < 0.01 * want
+
+
+def test_a_free_tilt_that_is_none_leaves_the_load(tmp_path):
+    plain = bench(124, 165).with_values({"camera.noise_grey": 2.0})
+    simulate(plain, tmp_path / "simulated")
+    table = fit(
+        tmp_path / "simulated" / "frames.tif", plain, ["load.normal_n", "load.tilt"], as_stated=True
+    ).table
+    assert abs(table["value"][0] - plain.load_at(0.0)) < 4.0 * table["standard_uncertainty"][0]
+    assert table["value"][1] < 0.03
 
 
 def test_added_tractions_are_in_the_simulation_and_in_the_scenes_text():

@@ -68,3 +68,17 @@ def test_a_load_that_changed_while_the_contact_wore_is_refused():
 def test_a_table_is_not_one_unknown_of_all_frames(key, table):
     with pytest.raises(InputError, match=f"{key} cannot be fitted: it is a table over distance"):
         fit("frames-that-are-not-there.tif", scene(**{key: table}), [key])
+
+
+def test_what_lay_between_the_bodies_while_they_wore_stays_a_table():
+    """The scar remembers it; without wear the frame's own value is all there is."""
+    over = {"distance_m": [0.0, 40.0], "value": [0.4, 0.0]}
+    scene = load_scene("line-contact-wear").with_values(
+        {"contact.roughness_um": over, "contact.layer_um_per_mpa": over}
+    )
+    static, first, worn = (frame_scene(scene, state) for state in (0, 1, 2))
+    for one in (static, first):
+        assert (one.contact.roughness_um, one.contact.layer_um_per_mpa) == (0.4, 0.4)
+    assert worn.contact == scene.contact
+    unworn = scene_at(scene.model_copy(update={"wear": None}), 10.0)
+    assert unworn.contact.roughness_um == pytest.approx(0.3)

@@ -1,5 +1,7 @@
 """Tracking on worn scars: loads that swing, slowly and fast, and starts in the middle of a run."""
 
+import json
+
 import numpy as np
 import pytest
 
@@ -82,6 +84,33 @@ def test_a_wear_coefficient_is_told_as_well_as_the_law_has_worn():
     sure = np.array([one.standard_uncertainty[-1] for one in found])
     assert sure * distance[1:] == pytest.approx(sure[0] * distance[1], rel=0.2)
     assert np.all(np.abs([one.values[-1] - 2e-9 for one in found]) < 4.0 * sure)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("bench", [{"load.tilt": 0.7}, {"contact.roughness_um": 0.3}], ids=str)
+def test_a_tilted_or_rough_contact_is_followed_as_it_wears(bench):
+    """Each slice goes on from its own scar; what lies between the bodies is that of the frame."""
+    distance = 20.0 + 0.5 * np.arange(4)
+    frames, start = worn_film(
+        distance, np.full(4, 44.0), np.full(4, 0.2), np.random.default_rng(5), bench
+    )
+    tracker = Tracker(placed(start, frames[0].shape), (LOAD, FRICTION), bit_depth=8)
+    for i, (image, s) in enumerate(zip(frames, distance, strict=True)):
+        found = tracker.track(Frame(i, image, None, str(i)), s)
+        assert np.abs((found.values - [44.0, 0.2]) / found.standard_uncertainty).max() < 4.0
+    left = json.loads(json.dumps(tracker.course.state()))
+    again = WornCourse(tracker.course.scene, (LOAD, FRICTION))
+    again.resume(left)
+    values = np.array([44.0, 0.2])
+    for course in (tracker.course, again):
+        course.at(22.0)
+        course.take(values)
+    one, other = (
+        course.solve(course.moved((LOAD, FRICTION), values)).surface
+        for course in (tracker.course, again)
+    )
+    assert other.wear_depth_mm == pytest.approx(one.wear_depth_mm, rel=1e-12)
+    assert other.pressure_mpa == pytest.approx(one.pressure_mpa, abs=1e-7 * one.p_max_mpa)
 
 
 @pytest.mark.long

@@ -8,7 +8,15 @@ from .sliding_history import (
     wear_course,
     wear_rate,
 )
-from .state import ContactGrid, SurfaceState, contact_grid, elastic_constants, line_load
+from .state import (
+    ContactGrid,
+    SurfaceState,
+    contact_grid,
+    elastic_constants,
+    line_load,
+    mean_state,
+    slice_loads,
+)
 from .wear import (
     ContactSetup,
     GrowingScar,
@@ -46,10 +54,12 @@ __all__ = [
     "make_mesh",
     "make_site",
     "make_surface",
+    "mean_state",
     "mean_wear_rate",
     "pressed_again",
     "scar_history",
     "scar_on_nodes",
+    "slice_loads",
     "solve_pressure",
     "unresolved",
     "wear_course",

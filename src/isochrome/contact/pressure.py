@@ -368,13 +368,19 @@ def solve_pressure(
     if not 0.0 < line_load_n_per_mm < math.inf:
         raise InputError("load_mm_must_above", load=line_load_n_per_mm)
     gap = gap_mm - datum
+    given = surface, gap, line_load_n_per_mm, friction, layer_mm_per_mpa
     if start is None or not (start > 0.0).any():
-        start = _from_coarse(
-            surface, gap, line_load_n_per_mm, friction, layer_mm_per_mpa, roughness_mm
-        )
-    system = ActiveSystem(surface, gap, line_load_n_per_mm, friction, layer_mm_per_mpa)
+        start = _from_coarse(*given, roughness_mm)
+    system = ActiveSystem(*given)
     if roughness_mm > 0.0:
-        return _rough_pressure(system, roughness_mm, start, tolerance)
+        state = _rough_pressure(system, roughness_mm, start, tolerance)
+        if state is None:  # a start from far off: waves that part the contact hold it
+            state = _rough_pressure(
+                system, roughness_mm, _from_coarse(*given, roughness_mm), tolerance
+            )
+        if state is None:
+            raise _unsolved(friction, _MAX_KRYLOV)
+        return state
     active = start > 0.0
     pressure = np.where(active, start, 0.0)
     fewest, patience, iterations = surface.nodes + 1, _PATIENCE, 0
@@ -414,15 +420,14 @@ NO_PRESSURE = float(np.sqrt(np.finfo(float).eps))
 
 def _rough_pressure(
     system: ActiveSystem, roughness: float, start: Floats, tolerance: float
-) -> ContactState:
-    """Pressure between rough surfaces, p ~ exp(-separation/lambda), lambda the mean of their
-    exponential heights: gap + u(p) + c p + lambda ln p = d, positive wherever it is not nothing.
-    Newton's method: on the tangent the contact is one with lambda/p on its diagonal. Where p falls
-    it is ln p that takes the step, where it rises p: of a concave function's two forms the one that
-    does not overshoot. Source: Greenwood & Williamson (1966), Proc. R. Soc. A 295, 300."""
+) -> ContactState | None:
+    """Pressure of rough surfaces, p ~ exp(-separation/lambda): gap + u + c p + lambda ln p = d.
+    Newton's method: lambda/p is on the tangent's diagonal. Where p falls ln p takes the step, where
+    it rises p: of a concave function's two forms the one that does not overshoot. None where it
+    does not come to rest. Source: Greenwood & Williamson (1966), Proc. R. Soc. A 295, 300."""
     gap, layer, pressure = system.gap, system.diagonal, start
     used = 0
-    for step in range(1, _MAX_SETS + 1):
+    for step in range(1, _MAX_KRYLOV + 1):
         pressure = np.where(pressure > NO_PRESSURE * pressure.max(), pressure, 0.0)
         active = pressure > 0.0
         u = system.apply(pressure)
@@ -449,7 +454,7 @@ def _rough_pressure(
         growth = trial.pressure / np.where(active, pressure, 1.0) - 1.0
         falls = pressure * np.exp(np.minimum(growth, 0.0))
         pressure = np.where(growth > 0.0, trial.pressure, falls)
-    raise _unsolved(system.friction, _MAX_SETS)
+    return None
 
 
 def _to_the_edge(active: Mask, wrong: Mask) -> Mask:

@@ -153,8 +153,13 @@ class SlidingHistory:
 
     @property
     def steady(self) -> bool:
-        """Whether the drive is the same throughout."""
-        return not any(np.ptp(column) for column in self._columns)
+        """Whether load and friction are the same throughout."""
+        return not (np.ptp(self.line_load_n_per_mm) or np.ptp(self.friction))
+
+    @property
+    def wears_in(self) -> bool:
+        """Whether what lies between the bodies changes."""
+        return any(np.ptp(column) for column in self.between)
 
     @property
     def _columns(self) -> tuple[Floats, ...]:

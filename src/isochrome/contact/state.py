@@ -91,7 +91,7 @@ def contact_grid(
     the larger the window, which `growth` widens. PhysicsError where no grid does."""
     modulus, _ = elastic_constants(scene)
     loads = line_loads_n_per_mm or (line_load(scene), line_load(scene))
-    loads = loads[0], loads[1] * float(_slice_loads(scene)[0][-1])
+    loads = loads[0], loads[1] * float(slice_loads(scene)[0][-1])
     finest, reach = _contact_reach(scene, modulus, largest_dose_mm_per_mpa, loads)
     half = scene.numerics.window_mm / 2.0 if scene.numerics.window_mm else _MARGIN * growth * reach
     spacing = _spacing(scene, finest / _NODES_IN_HALF_WIDTH, min(half, reach))
@@ -152,17 +152,19 @@ def _contact_reach(
     per_load = 2.0 * math.sqrt(radius / (math.pi * modulus))
     finest, hertz = (per_load * math.sqrt(load) for load in loads)
     # a layer gives way as wear does
-    dose = dose + _largest(scene.contact.layer_um_per_mpa)
+    dose = dose + _ends(scene.contact.layer_um_per_mpa)[1]
     worn = (1.5 * radius * dose) ** (1.0 / 3.0) * loads[1] ** (1.0 / 3.0)
     widest = max(hertz, worn)
     reach = widest * ((hertz / widest) ** 3 + (worn / widest) ** 3) ** (1.0 / 3.0)
+    # beside a contact the gap is at least (x - a)²/(2R)
+    least, most = (math.sqrt(radius) * math.sqrt(v) for v in _ends(scene.contact.roughness_um))
+    finest = math.hypot(finest, least)
+    reach += math.sqrt(-2.0 * math.log(NO_PRESSURE)) * most
     if not reach <= STEEPEST * radius:
         name = scene.name
         raise PhysicsError(
             "contact_half_width_would", name=name, reach=reach, steepest=STEEPEST, radius=radius
         )
-    # beside a contact the gap is at least (x - a)²/(2R)
-    reach += math.sqrt(-2.0 * radius * _largest(scene.contact.roughness_um) * math.log(NO_PRESSURE))
     if indenter.profile is not None:
         x, _ = read_profile(scene.path(indenter.profile))
         gap = undeformed_gap(scene, x)
@@ -249,7 +251,7 @@ class SurfaceState:
         return float(self.wear_depth_mm.sum() * self.grid.spacing_mm)
 
 
-def _slice_loads(scene: Scene) -> tuple[Floats, Floats]:
+def slice_loads(scene: Scene) -> tuple[Floats, Floats]:
     """Loads of slices through the thickness over their mean, rising, and their shares of it: points
     and weights of Gauss and Legendre where the bodies touch, P'(y) = c max(0, 1 + |tilt| y). Eight
     slices err by 4e-5, 3e-4 and 1e-3 fringe (RMS from two pixels down, 44 N) at loads that change
@@ -274,7 +276,7 @@ def slices(scene: Scene) -> list[Scene]:
     if not load.tilt:
         return [scene]
     whole, held, result = load.normal_n, load.tangential_n, []
-    for share in _slice_loads(scene)[0].tolist():
+    for share in slice_loads(scene)[0].tolist():
         if isinstance(whole, DistanceTable):
             update: dict[str, Any] = {"value": tuple(share * v for v in whole.value)}
             normal: Any = whole.model_copy(update=update)
@@ -290,7 +292,7 @@ def mean_state(scene: Scene, states: tuple[SurfaceState, ...]) -> SurfaceState:
     that of their mean."""
     if len(states) == 1:
         return states[0]
-    shares, last = _slice_loads(scene)[1], states[-1]
+    shares, last = slice_loads(scene)[1], states[-1]
 
     def mean(key: str) -> Floats:
         return np.asarray(shares @ np.stack([getattr(state, key) for state in states]))
@@ -304,9 +306,10 @@ def mean_state(scene: Scene, states: tuple[SurfaceState, ...]) -> SurfaceState:
     )  # fmt: skip
 
 
-def _largest(between: float | DistanceTable) -> float:
-    """The largest of a layer's (mm/MPa) or a roughness's (mm) values, given in um."""
-    return 1e-3 * (max(between.value) if isinstance(between, DistanceTable) else between)
+def _ends(between: float | DistanceTable) -> tuple[float, float]:
+    """The least and the largest of a layer's (mm/MPa) or a roughness's (mm) values, given in um."""
+    values = between.value if isinstance(between, DistanceTable) else (between,)
+    return 1e-3 * min(values), 1e-3 * max(values)
 
 
 def _carried(outer: float, inner: float) -> float:

@@ -124,7 +124,7 @@ def wear_history(
     contact = _settled(surface, gap_mm + depth, history.leaving(dose), None, tolerance=1e-10)
     now = WornState(dose, contact, depth)
     past: _Past | None = None
-    share = 1.0 if history.steady else _CHANGING
+    share = 1.0 if history.steady and not history.wears_in else _CHANGING
     scale = (gap_mm[contact.pressure > 0.0].max() - gap_mm.min()) / contact.pressure.max()
     # the dose in which the shortest wave relaxes, and the share of what is left to a jump
     near = float(surface.lattice_normal[-1]), min(_CAREFUL * tolerance**0.5, _APPROACH)

@@ -219,7 +219,7 @@ class Load(imaging.ScenePart):
     bulk_mpa: imaging.Finite | None = None
     bulk_along_x_mpa_per_mm: imaging.Finite | None = None
     bulk_along_z_mpa_per_mm: imaging.Finite | None = None
-    tilt: imaging.Finite = 0.0
+    tilt: Annotated[float, Field(ge=-100, le=100)] = 0.0
     inner_span_mm: imaging.Positive | None = None
     outer_span_mm: imaging.Positive | None = None
     swing: Annotated[float, Field(ge=0, lt=1)] = 0.0

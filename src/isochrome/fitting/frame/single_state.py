@@ -78,10 +78,11 @@ def state_scene(scene: Scene, state: int) -> Scene:
 
 
 def scene_at(scene: Scene, distance_m: float) -> Scene:
-    """The scene at one sliding distance: one state; load, friction and wear as numbers. The wear
-    coefficient makes the same dose under the state's constant friction; what varies on the way
-    gives the equivalent of Archard's law, K/s. InputError where the load changes while the contact
-    wears: no constant load has worn that scar.
+    """The scene at one sliding distance: one state; load, friction and wear as numbers, and what
+    lies between the bodies unless they wore while it wore in. The wear coefficient makes the same
+    dose under the state's constant friction; what varies on the way gives the equivalent of
+    Archard's law, K/s. InputError where the load changes while the contact wears: no constant load
+    has worn that scar.
     """
     loaded = _loaded_at(scene, distance_m)
     if scene.friction:
@@ -89,7 +90,8 @@ def scene_at(scene: Scene, distance_m: float) -> Scene:
         loaded = with_part(loaded, "friction", coefficient=mu, static_state_first=False)
     if scene.wear:
         wear = _wear_at(scene, scene.wear, distance_m) if distance_m > 0.0 else None
-        loaded = loaded.model_copy(update={"wear": wear})
+        between = loaded.contact if wear is None else scene.contact
+        loaded = loaded.model_copy(update={"wear": wear, "contact": between})
     return loaded
 
 

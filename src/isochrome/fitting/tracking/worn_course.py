@@ -9,9 +9,12 @@ The worn area is W = ∫ P' dK. By the scene's own coefficient it would be A: a 
 is tracked is W/A times that.
 """
 
-from collections.abc import Iterator
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from itertools import zip_longest
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,6 +28,8 @@ from isochrome.contact import (
     elastic_constants,
     elastic_state,
     make_site,
+    mean_state,
+    slice_loads,
     wear_course,
     wear_rate,
     worn_states,
@@ -66,6 +71,68 @@ class Worn(NamedTuple):
     worn_mm2: float = 0.0
 
 
+def of_slice(drive: Drive, share: float) -> Drive:
+    """The drive of a slice with a share of the mean load."""
+    return drive._replace(line_load_n_per_mm=share * drive.line_load_n_per_mm)
+
+
+class SlicedScar(NamedTuple):
+    """The scars of the slices through the thickness, one without a tilt, whose mean is under a
+    drive; `loads`, of the slices over their mean.
+    """
+
+    drive: Drive
+    loads: tuple[float, ...]
+    parts: tuple[GrowingScar, ...]
+
+    @property
+    def depth_mm(self) -> Array:
+        """Worn depth (slices, n), mm."""
+        return np.stack([part.depth_mm for part in self.parts])
+
+    def drives(self, drive: Drive) -> list[Drive]:
+        """The slices' drives of a mean one."""
+        return [of_slice(drive, share) for share in self.loads]
+
+    def _each(self, drive: Drive, parts: Iterable[GrowingScar]) -> SlicedScar:
+        return self._replace(drive=drive, parts=tuple(parts))
+
+    def grown(
+        self, site: ContactSetup, dose_mm_per_mpa: float, drive: Drive, *, tolerance: float
+    ) -> SlicedScar:
+        """As `GrowingScar.grown`, each slice by its own pressure."""
+        pairs = zip(self.parts, self.drives(drive), strict=True)
+        return self._each(
+            drive, (s.grown(site, dose_mm_per_mpa, d, tolerance=tolerance) for s, d in pairs)
+        )
+
+    def under(self, drive: Drive) -> SlicedScar:
+        """The same under another drive."""
+        pairs = zip(self.parts, self.drives(drive), strict=True)
+        return self._each(drive, (replace(part, drive=own) for part, own in pairs))
+
+    def deeper(self, by_mm: Array) -> SlicedScar:
+        """The same, worn deeper (slices, n) mm."""
+        pairs = zip(self.parts, by_mm, strict=True)
+        return self._each(
+            self.drive, (replace(part, depth_mm=part.depth_mm + by) for part, by in pairs)
+        )
+
+    def on(self, nodes: int) -> SlicedScar:
+        """As `GrowingScar.on`."""
+        return self._each(self.drive, (part.on(nodes) for part in self.parts))
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain numbers for `from_json`."""
+        return self._asdict() | {"parts": [part.to_json() for part in self.parts]}
+
+    @classmethod
+    def from_json(cls, plain: dict[str, Any]) -> SlicedScar:
+        """The scars of some plain numbers."""
+        parts = tuple(GrowingScar.from_json(part) for part in plain["parts"])
+        return cls(Drive(*plain["drive"]), tuple(plain["loads"]), parts)
+
+
 class WornCourse:
     """One-state scenes of a contact along a run, by the values of `keys`. `tracked`, the keys that
     are reported; `now`, the scene of the frame in hand without its wear; `past`, the loads (k,)
@@ -81,16 +148,14 @@ class WornCourse:
             raise InputError("cannot_tracked_video_frames", key=unknown[0], known=known)
         if scene.friction and scene.friction.static_state_first:
             raise InputError("friction_static_state_first_true_tracked")
-        if scene.load is not None and scene.load.tilt:
-            raise InputError("load_tilt_cannot_tracked")
         self.scene, self.tracked = scene, tracked
         self._thickness_mm = float(scene.get("specimen.thickness_mm"))
         self.past: tuple[Array, Array] | None = None
-        self._by_past: dict[str, Array] = {}  # worn depth (n,) by each of those loads
+        self._by_past: dict[str, Array] = {}  # worn depth (slices, n) by each of those loads
         self._site: ContactSetup | None = None
-        self._pressure: Array | None = None
-        self._last: GrowingScar | None = None  # that the frame before has left
-        self._scar: GrowingScar | None = None  # that the frame in hand stands on
+        self._pressures: list[Array] = []  # of the slices, (n,) each
+        self._last: SlicedScar | None = None  # that the frame before has left
+        self._scar: SlicedScar | None = None  # that the frame in hand stands on
         self._until = self.after = Worn()  # of the last frame, and in hand
         self._share = 1.0  # of the law, by which the contact wears on
         self.at(None)
@@ -113,7 +178,7 @@ class WornCourse:
         self._by_past = {key: np.array(depth) for key, depth in state["by_past"].items()}
         if state["grid"] is not None:
             self._use(with_part(self.now, "numerics", **state["grid"]))
-        self._last = last and GrowingScar.from_json(last)
+        self._last = last and SlicedScar.from_json(last)
 
     def at(self, distance_m: float | None) -> None:
         """Go on to a frame, at a distance (m), None where nothing wears."""
@@ -185,7 +250,7 @@ class WornCourse:
         assert self._scar is not None
         if WEAR in self.tracked and self.after[1] > 0.0:
             self._share = max(0.0, values[self.tracked.index(WEAR)] / self._own_wear)
-        self._last, self._until = replace(self._scar, drive=self._drive(values)), self.after
+        self._last, self._until = self._scar.under(self._drive(values)), self.after
 
     @contextmanager
     def beside(self, key: str, values: Array) -> Iterator[float]:
@@ -201,7 +266,7 @@ class WornCourse:
                 more = values.copy()
                 more[k] += step
                 self._by_past[key] = (self._worn_before(more).depth_mm - scar.depth_mm) / step
-            self._scar = replace(scar, depth_mm=scar.depth_mm + step * self._by_past[key])
+            self._scar = scar.deeper(step * self._by_past[key])
         elif self._last is None and law > 0.0:
             more = values.copy()
             more[self.tracked.index(WEAR)] *= 1.0 + _STEP
@@ -224,13 +289,18 @@ class WornCourse:
             return scene_states(scene.model_copy(update={"numerics": self.site.scene.numerics}))[-1]
         line = scene.load_at(0.0) / self._thickness_mm
         mu = float(scene.friction_at(0.0)) if scene.friction else 0.0
-        between = scene.layer_at(self._s), scene.roughness_at(self._s)
-        stop = OutputState(self._s, 0.0, line, mu, *between)
+        drive = Drive(line, mu, scene.layer_at(self._s), scene.roughness_at(self._s))
         for _ in range(_WIDENED):
             assert self._scar is not None
-            surface = elastic_state(self.site, self._scar.depth_mm, stop, start=self._pressure)
-            rim, self._pressure = int(_RIM * self.site.grid.nodes), surface.pressure_mpa
-            if not (self._pressure[:rim].any() or self._pressure[-rim:].any()):
+            stops = [OutputState(self._s, 0.0, *own) for own in self._scar.drives(drive)]
+            slices = zip_longest(self._scar.depth_mm, stops, self._pressures)
+            states = tuple(
+                elastic_state(self.site, depth, stop, start=start) for depth, stop, start in slices
+            )
+            rim, surface = int(_RIM * self.site.grid.nodes), mean_state(scene, states)
+            self._pressures = [state.pressure_mpa for state in states]
+            pressure = surface.pressure_mpa
+            if not (pressure[:rim].any() or pressure[-rim:].any()):
                 return SceneState("", self._s, surface)
             width = _WIDER * surface.grid.spacing_mm * surface.grid.nodes
             self._use(with_part(self.site.scene, "numerics", window_mm=width))
@@ -256,8 +326,7 @@ class WornCourse:
 
     def _elastic_mm2(self, values: Array) -> float:
         """Area that elasticity keeps, P' a / E*, of half width a: Johnson (1985), 4.2."""
-        assert self._pressure is not None
-        half = 0.5 * self.site.grid.spacing_mm * np.count_nonzero(self._pressure)
+        half = 0.5 * self.site.grid.spacing_mm * np.count_nonzero(self._pressures[-1])
         return self._drive(values)[0] * half / elastic_constants(self.now)[0]
 
     @property
@@ -269,21 +338,29 @@ class WornCourse:
     def _use(self, scene: Scene) -> None:
         """Solve on the grid of a scene's own numerics, on whose nodes the scars lie."""
         grid = contact_grid(scene, largest_dose_mm_per_mpa=0.0)
-        self._site, self._pressure = make_site(scene.model_copy(update={"wear": None}), grid), None
+        self._site, self._pressures = make_site(scene.model_copy(update={"wear": None}), grid), []
         self._last, self._scar = (scar and scar.on(grid.nodes) for scar in (self._last, self._scar))
         for key, depth in self._by_past.items():
-            self._by_past[key] = np.pad(depth, (grid.nodes - len(depth)) // 2)
+            more = (grid.nodes - depth.shape[-1]) // 2
+            self._by_past[key] = np.pad(depth, ((0, 0), (more, more)))
 
-    def _worn_before(self, values: Array) -> GrowingScar:
+    def _worn_before(self, values: Array) -> SlicedScar:
         """The scar that a contact has at its first frame."""
-        s, drive = self._s, self._drive(values)
+        drive, loads = self._drive(values), tuple(slice_loads(self.scene)[0].tolist())
+        parts = (self._slice_before(values, load) for load in loads)
+        return SlicedScar(drive, loads, tuple(parts))
+
+    def _slice_before(self, values: Array, share: float) -> GrowingScar:
+        """That of a slice with a share of the mean load."""
+        s, drive = self._s, of_slice(self._drive(values), share)
         if self.scene.wear is None or not s > 0.0:
             return GrowingScar(np.zeros(self.site.grid.nodes), drive)
         before = self._before(values)
         history, (stop,) = wear_course(before)
+        history = replace(history, line_load_n_per_mm=share * history.line_load_n_per_mm)
         numerics = self.site.scene.numerics.model_copy(update={"tolerance": TOLERANCE})
         site = replace(self.site, scene=before.model_copy(update={"numerics": numerics}))
-        loads = self._lines_before(values)
+        loads = [share * line for line in self._lines_before(values)]
         doses = stop.dose_mm_per_mpa * (-np.diff(_TO_GO) if len(loads) > 1 else np.ones(1))
         # under the load that the frame shows: the scar's edge must be as sharp as that asks for
         stop = OutputState(stop.distance_m, doses[0], *drive)
