@@ -47,10 +47,10 @@ class BenchContact(Contact):
 
     `modulus_change` of the plate's E against the scene's, relative; `plane_stress`, the bodies' own
     where the scene says strain; `layer_mm_per_mpa` or `roughness_mm`, λ; `tilt`, relative change of
-    the load at the faces (beyond 1 the one side lifts off); `focus_mm`, towards the camera, from the
-    plane in which light seems to come from the stress that it met, a sixth of the plate's apparent
-    thickness before its middle; stress along the edge, `edge_mpa`, falling over
-    `edge_mm`; `fringe_change` of f_sigma, relative; `swing`, a sine of the load in the exposure,
+    the load at the faces (beyond 1 the one side lifts off); `focus_mm`, towards the camera, from
+    the plane in which light seems to come from the stress that it met, a sixth of the plate's
+    apparent thickness before its middle; stress along the edge, `edge_mpa`, falling over `edge_mm`;
+    `fringe_change` of f_sigma, relative; `swing`, a sine of the load in the exposure,
     relative; `smooth_mpa` and `bending_mpa_per_mm`, along the surface; `worn_m`, a distance slid.
     Roll and blur are the `defects`'. The picture begins at the surface: `top_mm` is 0.
     """
