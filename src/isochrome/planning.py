@@ -46,6 +46,8 @@ from isochrome.figures import (
 )
 from isochrome.fitting import (
     GAMMA,
+    LENS,
+    Cause,
     FrameModel,
     candidates,
     fit_region,
@@ -94,7 +96,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[Any]
 
-PIXEL = "camera.pixel_mm"
+LEFT, TOP, PIXEL = "camera.left_mm", "camera.top_mm", "camera.pixel_mm"
 _USUAL = ("load.normal_n", PIXEL, "specimen.thickness_mm")
 """What is varied where nothing is said: half of it, as it is, and twice."""
 
@@ -221,11 +223,23 @@ class FrameInformation:
         return float(np.max(np.abs(one - other) / (one + other), initial=0.0))
 
 
-def _told(information: Array) -> Array:
-    """Fisher information (n, n) less what is no more than the error of differences: a load, fringe
-    value and modulus that change together are alike, but for 1e-8 of what each tells alone; what is
-    told has 1e-6 and more."""
-    return positive_part(information, np.sqrt(np.diag(information)), 1e-7)
+def _told(rows: Array, keys: tuple[str, ...], values: Array) -> Array:
+    """Fisher information (n, n) of derivatives (n, pixels) less what is no more than the error of
+    differences. Priors alone tell apart what changes together with all stresses (a load and fringe
+    value, or a thickness), with all depths (a radius, modulus and wear), or with all lengths (a
+    load, radius and pixel about the specimen's place): of what each tells alone that leaves up to
+    1e-5 by the error of differences; anything else leaves 4e-4 and more.
+    """
+    about = np.eye(len(keys))
+    for key in (LEFT, TOP):
+        if PIXEL in keys and key in keys:
+            place, pixel = keys.index(key), keys.index(PIXEL)
+            about[place, pixel] = values[place] / values[pixel]
+    turned = about.T @ rows
+    information = turned @ turned.T
+    told = positive_part(information, np.sqrt(np.diag(information)), 5e-5)
+    back = np.linalg.inv(about)
+    return np.asarray(back.T @ told @ back)
 
 
 def _noise(scene: Scene) -> NoiseModel:
@@ -279,51 +293,60 @@ def frame_information(
     held = stated.some(unknowns, free=False)
     causes = [c for c in candidates(scene, unknowns, held) if c.free and not c.stated]
     causes = [] if as_stated else causes
-    even = [cause for cause in causes if cause.even]
+    apart = [c for c in causes if c.even or c.keys[0] in LENS]
     rows = [
         row
         for cause in causes
-        if not cause.even
+        if cause not in apart
         for row in zip(cause.keys, cause.starts, sizes_of(cause, scene), strict=True)
-        if row[0] not in unknowns
     ]
     keys = (*unknowns, *held.keys, *(key for key, _, _ in rows))
     begun = {key: scene.get(key) or start for key, start, _ in rows}
     here = with_numerics(placed(scene.with_values(begun), data.shape))
-    prior = inputs_of_rows([*stated.rows, *((k, float(begun[k]), u) for k, _, u in rows)]).prior(
-        keys
-    )
+    known = inputs_of_rows([*stated.rows, *((k, float(begun[k]), u) for k, _, u in rows)])
     values = np.array([float(here.get(key)) for key in keys])
     stride = thinning(data.light.size, 8_000)
     region = fit_region(here, data.shape, stride, hidden_px(here))
-    model = FrameModel(data, here, keys, region, stride=stride, prior=prior)
+    model = FrameModel(data, here, keys, region, stride=stride, prior=known.prior(keys))
     part = model.keep_clear(values)
     if part is None:
         raise PhysicsError("scene_cannot_solved_where", name=scene.name)
     local = model.linearise(values, part)
-    columns, weight, squares = [local.rows], [prior.weight], [local.squares]
-    for cause in even:
-        there = np.r_[values, cause.starts]
-        signal = model.signal(there, keys=(*keys, *cause.keys))
-        assert signal is not None
-        row = ((signal - part.signal) * part.amplitude)[None]
-        squares.append(np.sum(np.square(row), axis=1))
-        part.project(row)
-        columns.append(row)
-        weight.append(np.ones(1))
-    every = np.concatenate(columns).astype(float)
+    effects = np.array([_effect(model, values, part.signal, cause) for cause in apart], np.float32)
+    effects = effects.reshape(-1, part.signal.size) * part.amplitude
+    squares = np.r_[local.squares, np.square(effects).sum(axis=1)]
+    part.project(effects)
+    every = np.concatenate((local.rows, effects)).astype(float)
     count = float(stride**2)
+    names = (*keys, *(cause.keys[0] for cause in apart))
+    middles = np.r_[values, np.zeros(len(apart))]
     information, *halves = (
-        count * _told(part_of @ part_of.T)
-        for part_of in (every, sqrt(2.0) * every[:, ::2], sqrt(2.0) * every[:, 1::2])
+        count * _told(some, names, middles)
+        for some in (every, sqrt(2.0) * every[:, ::2], sqrt(2.0) * every[:, 1::2])
     )
-    weights = np.concatenate(weight)
+    weight = np.r_[model.prior.weight, np.ones(len(apart))]
     return FrameInformation(
-        keys=(*keys, *(cause.keys[0] for cause in even)),
-        values=np.r_[values, np.zeros(len(even))], unknowns=len(unknowns),
-        information=information, halves=(halves[0], halves[1]), weight=weights,
-        determined=is_determined(information, count * np.concatenate(squares)) | (weights > 0.0),
+        keys=names, values=middles, unknowns=len(unknowns), information=information,
+        halves=(halves[0], halves[1]), weight=weight,
+        determined=is_determined(information, count * squares) | (weight > 0.0),
     )  # fmt: skip
+
+
+def _effect(model: FrameModel, values: Array, here: Array, cause: Cause) -> Array:
+    """What a cause of its usual size does to the signal (n,): an even one as it is, a lens by its
+    slope, both ways, for what it is seen by is made otherwise than without.
+    """
+    keys, now = (*model.keys, *cause.keys), float(model.scene.get(cause.keys[0]))
+    if cause.even:
+        there = model.signal(np.r_[values, cause.starts], keys=keys)
+        if there is not None:
+            return there - here
+    else:
+        part = 0.01 * cause.sizes[0]
+        ahead, behind = (model.signal(np.r_[values, now + d], keys=keys) for d in (part, -part))
+        if ahead is not None and behind is not None:
+            return np.asarray(50.0 * (ahead - behind))
+    raise PhysicsError("scene_cannot_solved_beside", key=cause.keys[0], value=now)
 
 
 @dataclass(frozen=True, repr=False, kw_only=True)
@@ -486,7 +509,7 @@ class Plan(Result):
             Plot(title=f"over {key}", draw=partial(self._draw, name=key))
             for key in (*varied, *["frames"] * (len(self._along("frames")) > 1))
         ]
-        panels = PaperPanels(plots=[*budgets, *lines], legend=wanted if lines else ())
+        panels = PaperPanels(plots=[*lines, *budgets], legend=wanted if lines else ())
         return panels_figure(panels, self.title)
 
     def _along(self, name: str) -> list[tuple[float, PlanPoint]]:
@@ -502,12 +525,15 @@ class Plan(Result):
         return sorted(places.items())
 
     def _draw(self, axes: Axes, name: str) -> None:
-        places = self._along(name)
-        for k, key in enumerate(self.now.values):
-            shares = [100.0 * point.values[key].relative for _, point in places]
+        places, points = zip(*self._along(name), strict=True)
+        for k, (key, now) in enumerate(self.now.values.items()):
+            shares = [point.values[key].relative / now.relative for point in points]
             look: Any = {"color": LINE_COLOURS[k % 6], "marker": "os^vD*"[k % 6]}
-            axes.loglog([place for place, _ in places], shares, lw=LINE_PT, ms=4, label=key, **look)
-        style_axes(axes, x_label=name, z_label="± (% of the value)")
+            axes.semilogx(places, shares, lw=LINE_PT, ms=4, label=key, **look)
+        axes.set_xticks(places, [f"{place:.4g}" for place in places])
+        axes.minorticks_off()
+        axes.set_ylim(bottom=0.0)
+        style_axes(axes, x_label=name, z_label="relative ±, as stated = 1")
 
 
 _BARS = 6

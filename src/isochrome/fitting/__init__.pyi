@@ -1,5 +1,5 @@
 from .api import FrameWork, fit, track
-from .causes.cause import CAUSES, RARE, candidates
+from .causes.cause import CAUSES, RARE, Cause, candidates
 from .causes.freeing import Freed, fit_with_causes
 from .causes.modes import SIZES
 from .causes.report import (
@@ -90,6 +90,7 @@ __all__ = [
     "WEAR",
     "WIDTHS",
     "Apparatus",
+    "Cause",
     "Fit",
     "FrameFit",
     "FrameModel",
