@@ -78,6 +78,7 @@ from isochrome.output import (
     write_text,
 )
 from isochrome.progress import RunProgress, Tally
+from isochrome.runs import environment, seal
 from isochrome.scene import Scene, SceneLike, dump_scene, load_scene
 from isochrome.simulation import (
     camera_frame,
@@ -165,8 +166,8 @@ class PlanPoint:
 @dataclass(frozen=True, kw_only=True)
 class FrameInformation:
     """What one frame tells of `keys` (n,), the first `unknowns` of them unknown: its Fisher
-    `information` (n, n), and that of two halves of its pixels, each for all; the `weight` 1/u² (n,)
-    of what is known beforehand; which are `determined`."""
+    `information` (n, n), and as every other row of pixels has it, and the rows between; the
+    `weight` 1/u² (n,) of what is known beforehand; which are `determined`."""
 
     keys: tuple[str, ...]
     values: Array
@@ -202,8 +203,7 @@ class FrameInformation:
                 else inf,
                 budget=budgets[j],
             )
-            for j in range(self.unknowns)
-            if self.keys[j].partition(".")[0] not in ("camera", "frames")
+            for j in self.wanted
         }
 
     def known_better(self, key: str, share: float) -> FrameInformation:
@@ -213,13 +213,16 @@ class FrameInformation:
         return replace(self, weight=weight)
 
     @property
+    def wanted(self) -> tuple[int, ...]:
+        """Places of the unknowns that are no place in the picture, nor the camera's."""
+        names = enumerate(self.keys[: self.unknowns])
+        return tuple(j for j, key in names if key.partition(".")[0] not in ("camera", "frames"))
+
+    @property
     def thinning_error(self) -> float:
-        """How far the pixels that were left out move a standard uncertainty, as a share of it."""
-        at = slice(self.unknowns)
-        one, other = (
-            np.sqrt(np.diag(self.covariance(1, half))[at][self.determined[at]])
-            for half in self.halves
-        )
+        """How far half of the pixels move a standard uncertainty, as a share of it, at most."""
+        at = [j for j in self.wanted if self.determined[j]]
+        one, other = (np.sqrt(np.diag(self.covariance(1, half))[at]) for half in self.halves)
         return float(np.max(np.abs(one - other) / (one + other), initial=0.0))
 
 
@@ -317,12 +320,12 @@ def frame_information(
     squares = np.r_[local.squares, np.square(effects).sum(axis=1)]
     part.project(effects)
     every = np.concatenate((local.rows, effects)).astype(float)
-    count = float(stride**2)
+    count, odd = float(stride**2), np.nonzero(model.pixels.keep)[0] % 2 == 1
     names = (*keys, *(cause.keys[0] for cause in apart))
     middles = np.r_[values, np.zeros(len(apart))]
     information, *halves = (
         count * _told(some, names, middles)
-        for some in (every, sqrt(2.0) * every[:, ::2], sqrt(2.0) * every[:, 1::2])
+        for some in (every, sqrt(2.0) * every[:, odd], sqrt(2.0) * every[:, ~odd])
     )
     weight = np.r_[model.prior.weight, np.ones(len(apart))]
     return FrameInformation(
@@ -366,7 +369,8 @@ class Plan(Result):
     sharper : mapping of str to float
         By wanted key its standard uncertainty with the input that limits it known twice as well.
     thinning_error : float
-        How far the pixels that were not asked move a standard uncertainty, as a share of it.
+        How far half of the pixels that were asked move a standard uncertainty, as a share of it:
+        more than those that were not asked do.
     taken_as_exact : tuple of str
         Measured numbers that state no uncertainty, which are in no ±.
     """
@@ -711,9 +715,7 @@ def plan(
             write_csv(folder / "plan.csv", result.columns)
             write_json(folder / "plan.json", result.to_json())
             write_text(folder / "scene.toml", dump_scene(given))
-            write_json(
-                folder / "provenance.json",
-                provenance(dump_scene(given), given.files(of_frames=False)),
-            )
             write_figure(folder / "plan.png", result.figure())
+            inputs = given.files(of_frames=False)
+            seal(folder, provenance(dump_scene(given), inputs) | environment())
     return result
