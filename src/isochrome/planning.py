@@ -104,16 +104,8 @@ _USUAL = ("load.normal_n", PIXEL, "specimen.thickness_mm")
 
 @dataclass(frozen=True, kw_only=True)
 class PlannedValue:
-    """A wanted value as it will be known.
-
-    Parameters
-    ----------
-    value : float
-        The scene's, in the unit that its key names.
-    standard_uncertainty : float
-        What it will be known to; inf where the frames do not tell it.
-    budget : tuple of BudgetInput
-        What the images' noise, each input and each usual cause add to that, the largest first.
+    """A wanted `value`, the scene's, as it will be known: its `standard_uncertainty`, inf where the
+    frames do not tell it, and the `budget` of that: what noise, each input and each usual cause add.
     """
 
     value: float
@@ -128,20 +120,9 @@ class PlannedValue:
 
 @dataclass(frozen=True, kw_only=True)
 class PlanPoint:
-    """One way to make the experiment.
-
-    Parameters
-    ----------
-    settings : mapping of str to float
-        The varied keys' values.
-    frames : int
-        How many frames alike are made of it.
-    no_load : bool
-        Whether there are frames without load, which show the light.
-    values : mapping of str to PlannedValue
-        The wanted values by key; empty where the point was refused.
-    reason : str
-        Why it was refused.
+    """One way to make the experiment: the varied keys' `settings`, the number of `frames` alike,
+    whether there are `no_load` frames, which show the light; the wanted `values` by key, none where
+    the point was refused, and the `reason` of that.
     """
 
     settings: Mapping[str, float]
@@ -339,7 +320,7 @@ def _effect(model: FrameModel, values: Array, here: Array, cause: Cause) -> Arra
     """What a cause of its usual size does to the signal (n,): an even one as it is, a lens by its
     slope, both ways, for what it is seen by is made otherwise than without.
     """
-    keys, now = (*model.keys, *cause.keys), float(model.scene.get(cause.keys[0]))
+    keys, now = (*model.keys, *cause.keys), float(model.scene.get(cause.keys[0]) or 0.0)
     if cause.even:
         there = model.signal(np.r_[values, cause.starts], keys=keys)
         if there is not None:
