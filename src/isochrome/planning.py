@@ -105,7 +105,7 @@ _USUAL = ("load.normal_n", PIXEL, "specimen.thickness_mm")
 @dataclass(frozen=True, kw_only=True)
 class PlannedValue:
     """A wanted `value`, the scene's, as it will be known: its `standard_uncertainty`, inf where the
-    frames do not tell it, and the `budget` of that: what noise, each input and each usual cause add.
+    frames do not tell it, and the `budget`: what noise, each input and each usual cause add to it.
     """
 
     value: float
@@ -406,11 +406,13 @@ class Plan(Result):
         )  # fmt: skip
 
     def _changed(self, key: str) -> str:
-        """What a value would be known to with one thing changed."""
-        changes = "; ".join(
-            f"{words} ± {_share(point.values[key].relative)}" for words, point in self._alone()
-        )
-        return message("plan_value_changed", key=key, changes=changes)
+        """What a value would be known to with one thing changed, where that is a tenth of its ±."""
+        now = self.now.values[key].relative
+        found = [(point.values[key].relative, words) for words, point in self._alone()]
+        changes = [f"{w} ± {_share(r)}" for r, w in sorted(found) if not 0.9 < r / now < 1.1]
+        if not changes:
+            return message("plan_value_unchanged", key=key)
+        return message("plan_value_changed", key=key, changes="; ".join(changes))
 
     def _alone(self) -> list[tuple[str, PlanPoint]]:
         """The points that differ from the stated one in one thing, and in what."""
@@ -483,7 +485,7 @@ class Plan(Result):
             budget_plot(
                 f"{key}: what its ± is made of",
                 {part.input: 100.0 * part.contribution / abs(one.value or 1.0)
-                 for part in one.budget[:_BARS]},
+                 for part in one.budget if part.share > 0.005},
                 unit="%",
             )
             for key, one in self.now.values.items()
@@ -519,10 +521,6 @@ class Plan(Result):
         axes.minorticks_off()
         axes.set_ylim(bottom=0.0)
         style_axes(axes, x_label=name, z_label="relative ±, as stated = 1")
-
-
-_BARS = 6
-"""Largest parts of a budget that are drawn."""
 
 
 def _share(relative: float) -> str:
