@@ -371,8 +371,10 @@ class Plan(Result):
 
     @property
     def best(self) -> PlanPoint:
-        """The point that tells most: of the least mean logarithm of the relative uncertainties."""
-        return min(self.good, key=lambda point: point.score)
+        """The point that tells most, of the least mean logarithm of the relative uncertainties;
+        what tells no tenth more is no reason to leave the experiment as it is stated.
+        """
+        return min(self.good, key=lambda point: round(point.score, 1))
 
     @property
     def columns(self) -> dict[str, list[Any]]:
@@ -683,7 +685,7 @@ def plan(
         for key, planned in now.values.items()
         if planned.budget and (first := planned.budget[0]).input != NOISE
     }
-    exact = taken_as_exact(given, here.keys)
+    exact = taken_as_exact(one, here.keys)
     result = Plan(
         scene=one, state=scene_states(one)[-1].label, now=now, sharper=sharper,
         points=tuple(p for p in points if (p.settings, p.frames, p.no_load) != alike),
