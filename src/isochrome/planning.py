@@ -296,6 +296,10 @@ def frame_information(
     if part is None:
         raise PhysicsError("scene_cannot_solved_where", name=scene.name)
     local = model.linearise(values, part)
+    for row, change in zip(local.rows, _wide_steps(here, keys), strict=True):
+        if change.any():
+            row[:] = _slope(model, keys, values, change) * part.amplitude / np.float32(change.max())
+            part.project(row[None])
     effects = np.array([_effect(model, values, part.signal, cause) for cause in apart], np.float32)
     effects = effects.reshape(-1, part.signal.size) * part.amplitude
     squares = np.r_[local.squares, np.square(effects).sum(axis=1)]
@@ -316,21 +320,40 @@ def frame_information(
     )  # fmt: skip
 
 
+def _wide_steps(scene: Scene, keys: tuple[str, ...]) -> Array:
+    """Steps (n, n) of the picture's place and scale, each alone, a tenth of a pixel: behind a lens
+    pictures are interpolated, and a smaller one is lost in the error of that. Else none."""
+    assert scene.camera is not None and scene.camera.pixel_mm is not None
+    steps = np.zeros((len(keys), len(keys)))
+    if any(scene.get(key) for key in LENS):
+        pixel = scene.camera.pixel_mm
+        wide = {LEFT: 0.1 * pixel, TOP: 0.1 * pixel, PIXEL: 3e-4 * pixel}
+        for k, key in enumerate(keys):
+            steps[k, k] = wide.get(key, 0.0)
+    return steps
+
+
+def _slope(model: FrameModel, keys: tuple[str, ...], values: Array, step: Array) -> Array:
+    """Half of what a step of some keys' values, ahead and back, changes of the signal (n,)."""
+    ahead, behind = (model.signal(values + way * step, keys=keys) for way in (1.0, -1.0))
+    if ahead is None or behind is None:
+        k = int(np.argmax(step))
+        raise PhysicsError("scene_cannot_solved_beside", key=keys[k], value=values[k])
+    return np.asarray(0.5 * (ahead - behind))
+
+
 def _effect(model: FrameModel, values: Array, here: Array, cause: Cause) -> Array:
     """What a cause of its usual size does to the signal (n,): an even one as it is, a lens by its
     slope, both ways, for what it is seen by is made otherwise than without.
     """
     keys, now = (*model.keys, *cause.keys), float(model.scene.get(cause.keys[0]) or 0.0)
-    if cause.even:
-        there = model.signal(np.r_[values, cause.starts], keys=keys)
-        if there is not None:
-            return there - here
-    else:
-        part = 0.01 * cause.sizes[0]
-        ahead, behind = (model.signal(np.r_[values, now + d], keys=keys) for d in (part, -part))
-        if ahead is not None and behind is not None:
-            return np.asarray(50.0 * (ahead - behind))
-    raise PhysicsError("scene_cannot_solved_beside", key=cause.keys[0], value=now)
+    if not cause.even:
+        step = np.append(np.zeros(len(values)), 0.01 * cause.sizes[0])
+        return _slope(model, keys, np.append(values, now), step) / np.float32(0.01)
+    there = model.signal(np.r_[values, cause.starts], keys=keys)
+    if there is None:
+        raise PhysicsError("scene_cannot_solved_beside", key=cause.keys[0], value=now)
+    return there - here
 
 
 @dataclass(frozen=True, repr=False, kw_only=True)
@@ -388,7 +411,7 @@ class Plan(Result):
         """What a laboratory needs of it, in words."""
         texts = [self._known(key, one) for key, one in self.now.values.items()]
         texts += [self._changed(key) for key in self.now.values if self._alone()]
-        if self.points:
+        if len(self.good) > 1:
             best = "; ".join(f"{k} ± {_share(v.relative)}" for k, v in self.best.values.items())
             texts.append(
                 message("plan_best", count=len(self.good), point=self.best.text, best=best)
@@ -433,7 +456,7 @@ class Plan(Result):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Points that were refused, and what counts as exact."""
+        """Points that were refused, noise that is not stated, and what counts as exact."""
         refused = [point for point in self.points if not point.values]
         texts = []
         if refused:
@@ -441,6 +464,9 @@ class Plan(Result):
             texts.append(
                 message("plan_refused", count=count, total=total, reason=refused[0].reason)
             )
+        camera = self.scene.camera
+        if camera and not camera.noise_grey and camera.full_well_electrons is None:
+            texts.append(message("plan_rounding_alone"))
         if self.taken_as_exact:
             texts.append(message("plan_exact", keys=", ".join(self.taken_as_exact)))
         return tuple(texts)

@@ -28,10 +28,12 @@ def test_a_discs_load_is_known_as_its_fringe_value_is():
     assert planned.sharper[LOAD] == pytest.approx(0.5 * value.standard_uncertainty, rel=0.05)
 
 
-def test_a_contacts_load_is_what_scaling_leaves_of_its_inputs():
+@pytest.mark.parametrize("roll_deg", [0.0, 0.3])
+def test_a_contacts_load_is_what_scaling_leaves_of_its_inputs(roll_deg):
     # the frame shows P/(f pixel) and P R f/(E d pixel) ..., and nothing of each alone: the first is
     # known to hypot(.5, .2) %, and the difference of both, known to 2.1 %, refines it
-    planned = one_point(case_plan.planned_scene("static", 0), as_stated=True, frames=(1, 100))
+    scene = case_plan.planned_scene("static", 0).with_values({"camera.roll_deg": roll_deg})
+    planned = one_point(scene, as_stated=True, frames=(1, 100))
     f, x, others = 0.005, 0.002, 0.02**2 + 0.003**2 + 0.001**2
     variance = f**2 + x**2 - (f**2 - x**2) ** 2 / (f**2 + x**2 + others)
     for point in planned.good:
@@ -118,6 +120,8 @@ def test_frames_without_noise_or_with_fringes_that_are_too_fine_are_refused():
     scene = case_plan.planned_scene("static", 0)
     with pytest.raises(PhysicsError, match="finer than two pixels"):
         one_point(case_plan.planned_scene("disc", 0).with_values({LOAD: 30000.0}))
+    quiet = one_point(scene.with_values({"camera.noise_grey": 0.0}), as_stated=True)
+    assert quiet.warnings[0].startswith("camera.noise_grey is not stated")
     with pytest.raises(InputError, match=r"camera\.noise_grey"):
         one_point(scene.with_values({"camera.noise_grey": 0.0, "camera.bit_depth": None}))
     with pytest.raises(InputError, match="grey frames of one wavelength"):
