@@ -474,9 +474,8 @@ class Plan(Result):
     @property
     def title(self) -> str:
         """What is planned."""
-        return (
-            f"Plan of {self.scene.name} ({self.state}): {counted(len(self.points), 'other point')}"
-        )
+        count = counted(len(self.points) + 1, "point")
+        return f"Plan of {self.scene.name} ({self.state}): {count}"
 
     def main_values(self) -> Iterator[tuple[str, str]]:
         """The wanted values as they will be known."""
@@ -547,7 +546,7 @@ class Plan(Result):
             axes.semilogx(places, shares, lw=LINE_PT, ms=4, label=key, **look)
         axes.set_xticks(places, [f"{place:.4g}" for place in places])
         axes.minorticks_off()
-        axes.set_ylim(bottom=0.0)
+        axes.set_ylim(0.0, 1.1 * axes.get_ylim()[1])
         style_axes(axes, x_label=name, z_label="relative ±, as stated = 1")
 
 
