@@ -120,6 +120,23 @@ def planned_scene(kind, number):
     return scene.with_values(values)
 
 
+def virtual_run(scene, seed):
+    """The true scene of a run, its inputs drawn about what is stated, and its frame."""
+    rng = np.random.default_rng(seed)
+    truth = scene.with_values({
+        key: scene.get(key) + spread * rng.normal() for key, spread in scene.uncertainties.items()
+    })  # fmt: skip
+    light = polariscope_light(truth, stress_map(truth, scene_states(truth)[-1]))
+    image = np.asarray(camera_frame(truth, light, rng=rng))
+    frame = Frame(0, image, None, "run")
+    return truth, prepare_frame(frame, frame_scene(scene, 0), bit_depth=8)
+
+
+def all_keys(one):
+    """The unknowns of a one-state scene, and its inputs, which have priors."""
+    return (*free_keys(one), *stated_inputs(one).keys)
+
+
 def judged(kind, number, runs, *, as_stated=True):
     """A row for each wanted value: the plan beside so many runs."""
     scene = planned_scene(kind, number)
@@ -129,19 +146,11 @@ def judged(kind, number, runs, *, as_stated=True):
     seconds = time.process_time() - start
     errors, refused = {key: [] for key in now}, 0
     for run in range(runs):
-        rng = np.random.default_rng([number, run, 93])
-        truth = scene.with_values({
-            key: scene.get(key) + spread * rng.normal()
-            for key, spread in scene.uncertainties.items()
-        })  # fmt: skip
-        light = polariscope_light(truth, stress_map(truth, scene_states(truth)[-1]))
-        image = np.asarray(camera_frame(truth, light, rng=rng))
+        truth, data = virtual_run(scene, [list(_COUNTS).index(kind), number, run])
         one = frame_scene(scene, 0)
-        data = prepare_frame(Frame(0, image, None, "run"), one, bit_depth=8)
         try:
             if as_stated:
-                keys = (*free_keys(one), *stated_inputs(one).keys)
-                found = fit_frame(data, one, keys)
+                found = fit_frame(data, one, all_keys(one))
             else:
                 found = fit_with_causes(data, one).fit
         except PhysicsError:

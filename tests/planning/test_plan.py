@@ -8,6 +8,7 @@ import pytest
 import isochrome
 from isochrome.benchmarks import load_benchmarks
 from isochrome.errors import InputError, PhysicsError
+from isochrome.fitting import fit_frame, frame_scene
 from isochrome.planning import plan
 
 case_plan = load_benchmarks("case_plan")
@@ -126,6 +127,17 @@ def test_frames_without_noise_or_with_fringes_that_are_too_fine_are_refused():
         one_point(scene.with_values({"camera.noise_grey": 0.0, "camera.bit_depth": None}))
     with pytest.raises(InputError, match="grey frames of one wavelength"):
         one_point(scene.with_values({"camera.colour": True}))
+
+
+@pytest.mark.parametrize("kind", ["static", "sliding", "worn", "ring"])
+def test_a_fit_of_the_experiment_says_what_was_planned(kind):
+    scene = case_plan.planned_scene(kind, 2)
+    _, data = case_plan.virtual_run(scene, 5)
+    one = frame_scene(scene, 0)
+    found = fit_frame(data, one, case_plan.all_keys(one))
+    for key, value in one_point(scene, as_stated=True).now.values.items():
+        spread = found.standard_uncertainty[found.keys.index(key)]
+        assert spread == pytest.approx(value.standard_uncertainty, rel=0.1), key
 
 
 @pytest.mark.long
