@@ -15,7 +15,7 @@ from .outside_camera import Defects
 from .report import lines_of, machine, of_seeds, share_figure
 from .rows import BenchRow
 
-FRAMES = {"clean": 100, "benches": 300, "atlas": 200, "material": 100}
+FRAMES = {"clean": 100, "benches": 300, "atlas": 200, "material": 100, "plane": 100}
 
 
 def _either_way(rng, low, high):
@@ -105,6 +105,8 @@ def bench(kind, seed):
 def _drawn(kind, seed, rng):
     """Names of a bench's facts: none, each in turn, or one to four of which no two are alike."""
     names = list(FACTS)
+    if kind == "plane":
+        return ["plane"] if seed // 3 % 2 else []
     if kind in ("clean", "material"):
         return []
     if kind == "atlas":
@@ -120,6 +122,8 @@ def stated(kind, made, names, rng):
     if "fringe" in names:
         spread = {"specimen.fringe_value_n_per_mm": _DRIFT}
     scene = load_scene(made.scene())
+    if kind == "plane":
+        scene = scene.with_values({"specimen.plane": "unknown"})
     values = {"load.normal_n": made.load_n * rng.uniform(0.8, 1.2)}
     for key, relative in spread.items():
         # the modulus begins at the data sheet's, whose uncertainty holds the truth
@@ -142,6 +146,10 @@ def judged(kind, seed):
     young = made.young_gpa * (1.0 + made.modulus_change)
 
     def told(freed):
+        if kind == "plane":
+            at = freed.fit.keys.index("specimen.plane_stress_share")
+            right = (freed.fit.values[at] > 0.5) == made.plane_stress
+            return {"found": "; ".join(freed.chances), "named": right, "first": right}
         there = {name for name, chance in freed.chances.items() if chance >= NAMED} - _LEFT_OVER
         wanted = [set(NAMES[name]) for name in names if name in NAMES]
         right = set().union(*wanted)
