@@ -72,6 +72,9 @@ PRIORS = {
 }  # fmt: skip
 """Relative standard uncertainties of what is stated where the material is asked for."""
 
+_EITHER = 0.5
+"""Share of plane stress from which on a frame says that its plate is in plane stress."""
+
 _DRIFT = 0.006
 """Relative standard uncertainty of the fringe value where it is off by up to 1 %."""
 
@@ -146,16 +149,21 @@ def judged(kind, seed):
     young = made.young_gpa * (1.0 + made.modulus_change)
 
     def told(freed):
-        if kind == "plane":
-            at = freed.fit.keys.index("specimen.plane_stress_share")
-            right = (freed.fit.values[at] > 0.5) == made.plane_stress
-            return {"found": "; ".join(freed.chances), "named": right, "first": right}
         there = {name for name, chance in freed.chances.items() if chance >= NAMED} - _LEFT_OVER
         wanted = [set(NAMES[name]) for name in names if name in NAMES]
         right = set().union(*wanted)
         causes = [cause.name for cause in freed.causes if cause.name not in _LEFT_OVER]
         first = causes[0] if causes else None
         of_modulus = _young(freed.fit, young) if not made.plane_stress else {}
+        if kind == "plane":
+            share = freed.fit.values[freed.fit.keys.index("specimen.plane_stress_share")]
+            verdict = (share > _EITHER) == made.plane_stress
+            return {
+                "found": "; ".join(sorted(there)),
+                "named": verdict,
+                "first": verdict,
+                "freed_in_vain": len(there),
+            }
         return of_modulus | {
             "found": "; ".join(sorted(there)),
             "named": all(some & there for some in wanted),

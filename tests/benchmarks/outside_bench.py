@@ -27,7 +27,7 @@ SLICES = 15
 """Of the thickness of a plate whose load is uneven through it."""
 
 STEPS = 6
-"""Of a ray through a plate whose load is even; with 1 it is bent at the middle: X = x + d C h S'."""
+"""Of a ray through a plate whose load is even; 1 is the first order alone, X = x + d C h grad S."""
 
 MOMENTS = 4
 """Of an exposure: their mean is a sine's, exactly up to the seventh power of its amplitude."""
