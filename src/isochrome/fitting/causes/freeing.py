@@ -57,7 +57,7 @@ Members = tuple[int, ...]
 _Seen = tuple[frozenset[str], int, bool]
 """A set by its names, how much is left out, and whether it was held against others near the end."""
 
-_LIKELY, _PLAIN, _TRIED, _MOST_TRIALS = 3, 2, 9, 27
+_LIKELY, _PLAIN, _TRIED, _MOST_TRIALS = 3, 2, 18, 54
 """The likeliest sets, those of causes alone, and all that are tried of these and what is beside
 them; trials of all rounds: what as many do not explain is in no list, and what is bent to it takes
 the values along."""
@@ -384,7 +384,8 @@ def _tried_from_afar(
         return tried
     if best.excess < FAR:
         return _tried(freed, asked, search, [*likely, *_with_less(best.members)], tried)
-    more = [*likely, own.members, *_with_one_more(asked, own.members)]
+    wider = (_with_one_more(asked, members) for members in (best.members, own.members))
+    more = [*likely, own.members, *(members for sets in wider for members in sets[:_LIKELY])]
     return _tried(freed, asked, search, more, tried)
 
 
