@@ -212,8 +212,7 @@ def free_causes(solution: S) -> Freed[S]:
     if not solution.is_bright:
         return freed
     freed, search = freed.weighed(), _Search()
-    if solution.chi > GOOD_CHI and freed.asked is not None:
-        freed = replace(freed, alone=freed.asked.alone)
+    stated = freed.asked
     beside = freed.names  # the set beside which blocks were left out
     for _ in range(_MOST_TRIALS):
         moved = _moved(freed, search)
@@ -226,8 +225,11 @@ def free_causes(solution: S) -> Freed[S]:
     if freed.odd is not None and freed.names != beside:
         freed = _with_all_pixels(freed)
     # a frame that nothing explains has no causes, only another scene
-    lost = freed.now.chi > POOR_CHI and not freed.is_plain
-    return replace(freed.undone(), alone=freed.alone) if lost else freed
+    if freed.now.chi > POOR_CHI and not freed.is_plain:
+        freed = freed.undone()
+    if stated is not None and (solution.chi > GOOD_CHI or freed.names):
+        freed = replace(freed, alone=stated.alone)
+    return freed
 
 
 def _moved(freed: Freed[S], search: _Search) -> Freed[S] | Asked:
