@@ -11,6 +11,7 @@ import tomllib
 from pathlib import Path
 
 import numpy as np
+from matplotlib import colormaps
 from PIL import Image
 
 from isochrome import figures, load_scene
@@ -27,6 +28,7 @@ from isochrome.stress import pixel_grid
 
 WORDS = Path(__file__).parent / "guide" / "atlas.toml"
 GUIDE = Path(figures.__file__).parents[1] / "guide"
+COLOURS, GREYS = 25, 7
 MEAN = 3
 """Pixels along the side of a square of the pictures."""
 
@@ -36,7 +38,7 @@ NOISE, LIGHT, DARK, BITS = 3.0, 190.0, 12.0, 8
 KEYS = {cause.name: cause.keys for cause in CAUSES}
 
 FACTS = {
-    "the camera's roll": {"camera.roll_deg": 0.5},
+    "the camera's roll": {"camera.roll_deg": 1.0},
     "the lens's distortion": {"camera.distortion": 0.02},
     "a camera that looks from the side": {"camera.keystone_x": 0.01},
     "a camera that looks from above or below": {"camera.keystone_z": 0.01},
@@ -147,6 +149,15 @@ def measured(name):
     return residual, apart, numbers
 
 
+def palette():
+    """The colours of the differences, and greys: rare ones are not merged."""
+    colours = colormaps[figures.DIFFERENCE_MAP](np.linspace(0.0, 1.0, COLOURS))[:, :3]
+    greys = np.linspace(0.0, 1.0, GREYS)[:, None] * np.ones(3)
+    result = Image.new("P", (1, 1))
+    result.putpalette(bytes(np.rint(255.0 * np.concatenate([colours, greys])).astype(np.uint8)))
+    return result
+
+
 def draw(path, residual, apart):
     """Both pictures side by side: the residual's means over 3 x 3 pixels, over their noise."""
     rows, cols = (n // MEAN for n in residual.shape)
@@ -167,7 +178,7 @@ def draw(path, residual, apart):
     file = io.BytesIO()
     figure.savefig(file, format="png", dpi=100)
     with Image.open(file) as picture:
-        few = picture.convert("RGB").quantize(32, dither=Image.Dither.NONE)
+        few = picture.convert("RGB").quantize(palette=palette(), dither=Image.Dither.NONE)
     path.parent.mkdir(exist_ok=True)
     few.save(path, optimize=True)
 
@@ -177,11 +188,11 @@ HEAD = """# Atlas of residuals
 What a frame leaves when it is fitted as its scene states it, by what the bench has and the scene
 does not. Left: residual over noise. Right: the order of the bench less the fitted one. Names are
 those of the messages; `looks_like` in frames.csv, and the report, name the nearest pages of a frame
-with the share of its residual that each alone explains, to first order. Sizes: one frame
-of the paper's contact (44 N on 4 mm, friction 0.25, 12 µm a pixel, noise 3 of 190 grey levels)
-fitted without the fact, the order by the 99 % of the pixels that differ least; a worn one, and a
-ring, where it says so. An effect that enters by its
-square (blur, plates, band, tilt, swing) grows with it; others grow in proportion.
+with the share of its residual that each alone explains, to first order. Sizes: one frame of the
+paper's contact (44 N on 4 mm, friction 0.25, 12 µm a pixel, noise 3 of 190 grey levels; of another
+friction before a worn one, of two pages a ring) fitted without the fact, the order by the 99 % of
+the pixels that differ least. Blur, plates, band, tilt and swing enter by their square; the others
+in proportion.
 
 In short: focus to ± 0.1 mm; tilt below 10 % of the load at the faces; roll below 0.1 degree; light
 from no-load frames; the edge annealed; modulus and fringe value from the same plate.
