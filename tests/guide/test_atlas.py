@@ -1,19 +1,23 @@
 """The atlas has a page of all that may be there, and the nearest pages of a frame are the right."""
 
+import base64
+import html
 import re
 import tomllib
 
 import numpy as np
 import pytest
 
+import isochrome
 from atlas_pages import FACTS, WORDS
 from benchmarks.outside_bench import BenchContact
 from benchmarks.outside_camera import Defects
 from isochrome.estimation import prepare_frame
-from isochrome.fitting import CAUSES, LIGHT, ORDER, TRACTIONS, fit_with_causes
-from isochrome.fitting.causes.score import SHADOW, STATED, STRESS
+from isochrome.fitting import CAUSES, LIGHT, ORDER, fit_with_causes
+from isochrome.fitting.causes.score import SHADOW, STATED, STRESS, TRACTIONS
 from isochrome.frames import Frame
 from isochrome.guide import atlas_picture, guide_page
+from isochrome.processing.result import pages_of, pages_text
 from isochrome.scene import load_scene
 
 NAMES = {cause.name for cause in CAUSES} | {LIGHT, ORDER, SHADOW, STATED, STRESS, TRACTIONS}
@@ -57,3 +61,26 @@ def test_a_single_fact_is_among_the_nearest(facts, camera, name):
     assert len(nearest) == 3 and name in dict(nearest)
     assert all(0.0 <= share <= 1.0 for _, share in nearest)
     assert np.max([share for _, share in nearest]) > 0.5
+
+
+def test_reports_hold_the_pictures_of_the_nearest_pages(tmp_path):
+    bench = BenchContact(
+        load_n=44.0, shape=(123, 165), pixel_mm=4.0 / 165, left_mm=-2.05, friction=0.2,
+        defects=Defects(noise=2.0, roll_deg=0.5),
+    )  # fmt: skip
+    image, scene, name = bench.frame(1), load_scene(bench.scene()), "the camera's roll"
+    page = base64.b64encode(atlas_picture(name)).decode()
+    processed = isochrome.process(image, scene, tmp_path / "processed")
+    (cell,) = processed.columns["looks_like"]
+    pages = pages_of(cell)
+    assert len(pages) == 3 and name in dict(pages)
+    assert pages_text([("a (b)", 0.5)]) == "a (b) (50 %)"
+    shown = (tmp_path / "processed" / "report.html").read_text("utf-8")
+    assert page in shown and all(html.escape(one) in shown for one, _ in pages)
+    again = isochrome.process(image, scene, tmp_path / "processed")
+    assert again.already and again.columns["looks_like"] == [cell]
+    isochrome.fit(image, scene, out=tmp_path / "fitted")
+    assert page in (tmp_path / "fitted" / "report.html").read_text("utf-8")
+    plain = isochrome.process(image, scene, tmp_path / "plain", as_stated=True)
+    assert plain.columns["looks_like"] == [""]
+    assert "isochrome guide atlas" not in (tmp_path / "plain" / "report.html").read_text("utf-8")

@@ -90,7 +90,7 @@ def cell_values(text: str) -> dict[str, tuple[float, float]]:
 
 def pages_text(nearest: Sequence[tuple[str, float]]) -> str:
     """A cell of the atlas's pages: names with shares."""
-    return "; ".join(f"{name} ({output.per_cent(share)})" for name, share in nearest)
+    return "; ".join(f"{name} ({100.0 * share:.0f} %)" for name, share in nearest)
 
 
 def pages_of(cell: str | None) -> tuple[tuple[str, str], ...]:
