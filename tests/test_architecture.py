@@ -41,6 +41,7 @@ ORDER = (
     "estimation",
     "scars",
     "fitting",
+    "planning",
     "fringes",
     "calibration",
     "processing",

@@ -229,7 +229,9 @@ def test_a_reading_that_is_off_is_counted_as_such():
 
 def test_an_unknown_suite_is_refused_with_the_known_ones():
     with pytest.raises(
-        InputError, match="speed, fringes, fit, defects, contacts, inputs, track, memory, tolerance"
+        InputError,
+        match="speed, fringes, fit, defects, contacts, benches, inputs, track, memory, tolerance, "
+        "plan",
     ):
         bench(suite="colour")
 

@@ -154,6 +154,17 @@ def swept(places, make):
     )  # fmt: skip
 
 
+def planned(places, make):
+    scene = dump_scene(load_scene(places["scene"]).with_values({"camera.noise_grey": 2.0}))
+    file = places["home"] / "planned.toml"
+    file.write_text(scene, "utf-8")
+    vary = "load.normal_n=40,44"
+    return made(
+        places["home"] / "planned", lambda out: isochrome.plan(file, [vary], out=out), "plan.csv",
+        "plan.json", "plan.png", command=("plan", file, "--vary", vary),
+    )  # fmt: skip
+
+
 def campaigned(places, make):
     recordings, out = [frames_of(places), places["home"] / "none.tif"], places["home"] / "campaign"
     found = process_campaign(recordings, places["scene"], out)
@@ -221,7 +232,7 @@ def demonstrated(places, make):
 MAKE: dict[str, Callable[..., Left]] = {
     "simulate": simulated, "process": processed, "process track": process_tracked,
     "compare": compared, "fit": fitted, "fit track": fit_tracked, "check": checked,
-    "sweep": swept, "campaign": campaigned,
+    "sweep": swept, "plan": planned, "campaign": campaigned,
     "calibrate bending": calibrated("bending", calibration.calibrate_bending, (0, 3)),
     "calibrate disc": calibrated("disc", calibration.calibrate_disc, (0, 2)),
     "calibrate colour": calibrated_colour, "calibrate scale": calibrated_scale,
@@ -236,7 +247,7 @@ IN_MINUTES = {"demo", "bench", "calibrate disc", "process, in memory", "process 
 def marked(*names: str) -> pytest.MarkDecorator:
     """A test of some results, those of seconds in the slow part."""
     marks = dict.fromkeys(names, pytest.mark.long) | dict.fromkeys(IN_MINUTES, pytest.mark.study)
-    marks |= {"sweep": (), "calibrate colour": ()}
+    marks |= {"sweep": (), "plan": (), "calibrate colour": ()}
     some = [pytest.param(name, marks=marks[name]) for name in names]
     return pytest.mark.parametrize("name", some, scope="module")
 
@@ -285,7 +296,7 @@ def test_the_json_is_the_one_on_disk(name, results, tmp_path):
 
 @marked(
     "simulate", "process", "process track", "compare", "fit", "fit track", "check", "sweep",
-    "calibrate scale", "calibrate wear",
+    "plan", "calibrate scale", "calibrate wear",
 )  # fmt: skip
 def test_the_command_prints_that_json(name, results, tmp_path):
     left = results(name)

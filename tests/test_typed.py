@@ -61,6 +61,8 @@ right.set_title("left over")
 compared.figure().savefig("side-by-side.png")
 swept = isochrome.sweep(scene, {"load.normal_n": [40.0, 44.0]}, "grid")
 print(swept.dataset.n_max.dims, swept.table)
+planned = isochrome.plan(scene, {"load.normal_n": [40.0, 44.0]}, frames=(1, 25))
+print(planned.now.values["load.normal_n"].relative, planned.sentences, planned.best.settings)
 with isochrome.open_frames(frames, bit_depth=8) as reader:
     print(reader.count(), next(iter(reader)).image.mean())
 try:

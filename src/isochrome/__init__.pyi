@@ -17,6 +17,7 @@ from .figures import FigureStyle, paper_figure, plot_frame, plot_over_distance, 
 from .fitting import fit, track
 from .folder_report import report
 from .frames import open_frames
+from .planning import plan
 from .processing import check, plot_order, process
 from .runs import export, open_run, verify
 from .scene import Scene, dump_scene, load_scene, parse_scene, scene_names
@@ -61,6 +62,7 @@ __all__ = [
     "open_run",
     "paper_figure",
     "parse_scene",
+    "plan",
     "plot_frame",
     "plot_order",
     "plot_over_distance",

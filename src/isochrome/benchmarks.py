@@ -66,7 +66,7 @@ def bench(
         own name, as fit.csv and fit.png; by default nothing is written.
     suite : str, default 'speed'
         Which cases to run: 'speed', 'fringes', 'fit', 'defects', 'contacts', 'inputs', 'track',
-        'memory' or 'tolerance'.
+        'memory', 'tolerance' or 'plan'.
     quick : bool, default False
         Whether to run tiny cases, which only show that everything runs.
     progress : callable, optional

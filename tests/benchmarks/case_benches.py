@@ -15,7 +15,7 @@ from .outside_camera import Defects
 from .report import lines_of, machine, of_seeds, share_figure
 from .rows import BenchRow
 
-FRAMES = {"clean": 100, "benches": 300, "atlas": 200, "material": 100}
+FRAMES = {"clean": 100, "benches": 300, "atlas": 200, "material": 100, "plane": 100}
 
 
 def _either_way(rng, low, high):
@@ -72,6 +72,9 @@ PRIORS = {
 }  # fmt: skip
 """Relative standard uncertainties of what is stated where the material is asked for."""
 
+_EITHER = 0.5
+"""Share of plane stress from which on a frame says that its plate is in plane stress."""
+
 _DRIFT = 0.006
 """Relative standard uncertainty of the fringe value where it is off by up to 1 %."""
 
@@ -105,6 +108,8 @@ def bench(kind, seed):
 def _drawn(kind, seed, rng):
     """Names of a bench's facts: none, each in turn, or one to four of which no two are alike."""
     names = list(FACTS)
+    if kind == "plane":
+        return ["plane"] if seed // 3 % 2 else []
     if kind in ("clean", "material"):
         return []
     if kind == "atlas":
@@ -120,6 +125,8 @@ def stated(kind, made, names, rng):
     if "fringe" in names:
         spread = {"specimen.fringe_value_n_per_mm": _DRIFT}
     scene = load_scene(made.scene())
+    if kind == "plane":
+        scene = scene.with_values({"specimen.plane": "unknown"})
     values = {"load.normal_n": made.load_n * rng.uniform(0.8, 1.2)}
     for key, relative in spread.items():
         # the modulus begins at the data sheet's, whose uncertainty holds the truth
@@ -148,6 +155,15 @@ def judged(kind, seed):
         causes = [cause.name for cause in freed.causes if cause.name not in _LEFT_OVER]
         first = causes[0] if causes else None
         of_modulus = _young(freed.fit, young) if not made.plane_stress else {}
+        if kind == "plane":
+            share = freed.fit.values[freed.fit.keys.index("specimen.plane_stress_share")]
+            verdict = (share > _EITHER) == made.plane_stress
+            return {
+                "found": "; ".join(sorted(there)),
+                "named": verdict,
+                "first": verdict,
+                "freed_in_vain": len(there),
+            }
         return of_modulus | {
             "found": "; ".join(sorted(there)),
             "named": all(some & there for some in wanted),

@@ -12,6 +12,7 @@ from . import (
     case_fringes,
     case_inputs,
     case_memory,
+    case_plan,
     case_pressure,
     case_stress,
     case_tolerance,
@@ -45,6 +46,6 @@ SUITES = {"speed": Suite(lambda: CASES, "bench", report.table, report.figure)} |
     for name, module in {
         "fringes": case_fringes, "fit": case_fit, "defects": case_defects,
         "contacts": case_contacts, "benches": case_benches, "inputs": case_inputs,
-        "track": case_track, "memory": case_memory, "tolerance": case_tolerance,
+        "track": case_track, "memory": case_memory, "tolerance": case_tolerance, "plan": case_plan,
     }.items()
 }  # fmt: skip

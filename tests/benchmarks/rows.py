@@ -206,3 +206,22 @@ class SilentRow:
     pull: float = _NAN
     said: str = ""
     seconds: float = _NAN
+
+
+@dataclass(frozen=True)
+class PlanRow:
+    """One value of one planned experiment beside what virtual runs of it scatter by.
+
+    `scene`, `key`; `planned`, the standard uncertainty that the plan says, and `scatter`, the root
+    mean square of the runs' errors, both relative; `ratio` of the first to the second; how many
+    `runs` gave a value, and how many were `refused`; `seconds` of processor time of the plan.
+    """
+
+    scene: str
+    key: str
+    planned: float
+    scatter: float
+    ratio: float
+    runs: int
+    refused: int
+    seconds: float

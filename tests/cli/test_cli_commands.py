@@ -21,7 +21,7 @@ COMMANDS = [
     (), ("demo",), ("simulate",), ("process",), ("compare",), ("calibrate",),
     ("calibrate", "bending"), ("calibrate", "disc"), ("calibrate", "colour"),
     ("calibrate", "scale"), ("calibrate", "wear"), ("fit",), ("check",), ("setup",), ("bench",),
-    ("sweep",), ("export",), ("report",), ("verify",), ("guide",), ("init",),
+    ("sweep",), ("plan",), ("export",), ("report",), ("verify",), ("guide",), ("init",),
 ]  # fmt: skip
 
 HISTORY = (

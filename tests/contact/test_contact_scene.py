@@ -36,6 +36,14 @@ def test_plane_stress_moduli_leave_out_the_lateral_restraint():
     assert reference.hertz_peak_pressure(11.0, 24.61, modulus) == pytest.approx(17.2, abs=0.05)
 
 
+def test_in_plane_stress_the_coupling_is_twice_the_difference_of_one_less_poissons_ratio():
+    """(1 - 2ν')/G with ν' = ν/(1 + ν) and G = E/(2(1 + ν)) is 2(1 - ν)/E."""
+    _, coupling = elastic_constants(PAPER.with_values({"specimen.plane": "stress"}))
+    block, roller = PAPER.specimen, PAPER.indenter
+    first, second = (2e-3 * (1.0 - b.poisson) / b.young_gpa for b in (block, roller))
+    assert coupling == pytest.approx(first - second, rel=1e-12)
+
+
 @pytest.mark.parametrize(
     ("radius", "load"), [(24.61, 44e-6), (24.61, 44.0), (24.61, 44e2), (1e6, 44.0)]
 )

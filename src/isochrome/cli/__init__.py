@@ -338,6 +338,35 @@ def sweep_command(
     return Finished(result, show, shows_all=True, failure=(missing, 3) if result.failed else None)
 
 
+@command("plan", "as_stated")
+def plan_command(
+    scene: SceneArgument,
+    vary: Annotated[
+        list[str] | None,
+        typer.Option("--vary", help="KEY=first:last:number, or KEY=value,value; repeatable."),
+    ] = None,
+    frames: Annotated[
+        list[int] | None,
+        typer.Option("--frames", help="How many frames alike; repeatable; 1 and 10 by default."),
+    ] = None,
+    state: Annotated[
+        int | None, typer.Option("--state", help="Of the scene's states, from 0; else the last.")
+    ] = None,
+    *,
+    out: Path,
+    **options: Any,
+) -> Finished:
+    """Say what an experiment will tell before it is made, what limits it, and what would help."""
+    from isochrome.planning import plan as run
+
+    with run_bar("planning", "points") as progress:
+        result = run(
+            scene, vary, frames=frames or (1, 10), state=state, out=out, progress=progress,
+            **options,
+        )  # fmt: skip
+    return Finished(result, lambda result: typer.echo("\n".join(result.sentences)))
+
+
 def _plain(values: dict[str, Any], *lines: Any) -> Finished:
     """Values that are no result, and the lines that say them."""
     return Finished(values, lambda _: typer.echo("\n".join(map(str, lines))), shows_all=True)

@@ -19,6 +19,7 @@ Eisenstat, Elman & Schultz (1983), SIAM J. Numer. Anal. 20, 345.
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
@@ -485,17 +486,19 @@ def _runs(mask: Mask) -> NDArray[np.intp]:
 def _from_coarse(
     surface: Surface, gap: Floats, load: float, friction: float, layer: float, roughness: float
 ) -> Floats:
-    """A start from a four times coarser grid; on the coarsest, where the bodies would overlap.
+    """A start from a four times coarser grid; without one that is solved, where the bodies overlap.
     There the overlap at the contact's edge is taken as that of a parabola, x²/(2R) = 2 P'/(pi
     E*)."""
-    coarse = surface.coarse
-    if coarse is None:
+    coarse, state = surface.coarse, None
+    if coarse is not None:
+        with suppress(PhysicsError):  # where a few coarse nodes are in contact
+            state = solve_pressure(
+                coarse, gap[::COARSER], load, friction=friction, layer_mm_per_mpa=layer,
+                roughness_mm=roughness, tolerance=1e-4,
+            )  # fmt: skip
+    if coarse is None or state is None:
         depth = gap.min() + 2.0 * load / (np.pi * surface.modulus_mpa)
         return np.where(gap <= depth, load, 0.0)
-    state = solve_pressure(
-        coarse, gap[::COARSER], load, friction=friction, layer_mm_per_mpa=layer,
-        roughness_mm=roughness, tolerance=1e-4,
-    )  # fmt: skip
     nodes = np.arange(surface.nodes) / COARSER
     if roughness > 0.0:
         pressure = np.interp(nodes, np.arange(coarse.nodes), state.pressure)

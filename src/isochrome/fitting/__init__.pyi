@@ -1,5 +1,5 @@
 from .api import FrameWork, fit, track
-from .causes.cause import CAUSES, RARE
+from .causes.cause import CAUSES, RARE, Cause, candidates
 from .causes.freeing import Freed, fit_with_causes
 from .causes.modes import SIZES
 from .causes.report import (
@@ -10,9 +10,9 @@ from .causes.report import (
     opposite_shear,
     rival_causes,
 )
-from .causes.score import LIGHT, ORDER, WIDTHS
+from .causes.score import LIGHT, ORDER, WIDTHS, sizes_of
 from .folder import fit_report, over_distance_figure, restore_fit, restore_values
-from .frame.frame_fit import FrameFit, fit_frame, placed, propagated
+from .frame.frame_fit import FrameFit, fit_frame, hidden_px, placed, propagated
 from .frame.frame_model import FrameModel, clear_of_ends, local_model, solve_with_gamma
 from .frame.renderer import ModelFrame, SceneRenderer, evaluate_model
 from .frame.single_state import (
@@ -36,9 +36,11 @@ from .frame.unknowns import (
     fit_region,
     free_keys,
     inputs_of_rows,
+    scene_value,
     stated_inputs,
     stated_pairs,
     taken_as_exact,
+    thinning,
 )
 from .frame_set import CORRECT, TOO_FAR, PreparedFrames, refuse_alike
 from .joint.frame_sequence import (
@@ -88,6 +90,7 @@ __all__ = [
     "WEAR",
     "WIDTHS",
     "Apparatus",
+    "Cause",
     "Fit",
     "FrameFit",
     "FrameModel",
@@ -107,6 +110,7 @@ __all__ = [
     "Tracker",
     "WearLaws",
     "alone_scene",
+    "candidates",
     "cause_messages",
     "clear_of_ends",
     "compare_laws",
@@ -123,6 +127,7 @@ __all__ = [
     "frame_equations",
     "frame_scene",
     "free_keys",
+    "hidden_px",
     "inputs_of_rows",
     "is_each",
     "light_matters",
@@ -145,9 +150,11 @@ __all__ = [
     "rival_causes",
     "scar_equations",
     "scene_at",
+    "scene_value",
     "search_picture",
     "segment_ends",
     "segments",
+    "sizes_of",
     "slid_until",
     "sliding_scene",
     "solve_with_gamma",
@@ -157,6 +164,7 @@ __all__ = [
     "stated_pairs",
     "stepwise",
     "taken_as_exact",
+    "thinning",
     "timed_distance",
     "track",
     "untracked_inputs",

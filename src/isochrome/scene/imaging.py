@@ -320,8 +320,9 @@ class Camera(ScenePart):
     keystone_z : float, default 0.0
         The same at the middle of the lower edge, by one that looks from above or below.
     focus_mm : float, default 0.0
-        Distance from the middle of the plate to the plane in focus, towards the camera, mm: light
-        that stresses bend then comes from another place.
+        Distance of the plane in focus from that in which light seems to come from the stress that
+        it met, near the middle of the plate, towards the camera, mm: else bent light comes from
+        another place.
     bit_depth : int, optional
         Bits of a grey level.
     brightness : float, default 1.0

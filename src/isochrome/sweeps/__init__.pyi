@@ -1,3 +1,3 @@
-from .api import Swept, make_grid, sweep
+from .api import SweepGrid, Swept, make_grid, sweep
 
-__all__ = ["Swept", "make_grid", "sweep"]
+__all__ = ["SweepGrid", "Swept", "make_grid", "sweep"]
