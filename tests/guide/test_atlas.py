@@ -66,9 +66,13 @@ def test_a_single_fact_is_among_the_nearest(facts, camera, name):
 def test_reports_hold_the_pictures_of_the_nearest_pages(tmp_path):
     bench = BenchContact(
         load_n=44.0, shape=(123, 165), pixel_mm=4.0 / 165, left_mm=-2.05, friction=0.2,
-        defects=Defects(noise=2.0, roll_deg=0.5),
+        edge_mpa=0.3, defects=Defects(noise=2.0),
     )  # fmt: skip
-    image, scene, name = bench.frame(1), load_scene(bench.scene()), "the camera's roll"
+    image, scene, name = (
+        bench.frame(1),
+        load_scene(bench.scene()),
+        "stress along a machined surface",
+    )
     page = base64.b64encode(atlas_picture(name)).decode()
     processed = isochrome.process(image, scene, tmp_path / "processed")
     (cell,) = processed.columns["looks_like"]
@@ -79,7 +83,7 @@ def test_reports_hold_the_pictures_of_the_nearest_pages(tmp_path):
     assert page in shown and all(one in html.unescape(shown) for one, _ in pages)
     again = isochrome.process(image, scene, tmp_path / "processed")
     assert again.already and again.columns["looks_like"] == [cell]
-    isochrome.fit(image, scene, out=tmp_path / "fitted")
+    isochrome.fit(image, scene, ["load.normal_n", "friction.coefficient"], out=tmp_path / "fitted")
     assert page in (tmp_path / "fitted" / "report.html").read_text("utf-8")
     plain = isochrome.process(image, scene, tmp_path / "plain", as_stated=True)
     assert plain.columns["looks_like"] == [""]
