@@ -114,7 +114,7 @@ def fit_report(folder: Path, result: Fit | Track, record: Mapping[str, Any]) -> 
         budget = ReportTable("Shares of each ± (budget.csv)", result.budget_columns)
         parts |= {"budget": budget if result.budget else None, "no_budget": _NO_BUDGET}
         parts |= {"tables": tables, "causes": result.causes, "refined": result.refined}
-        keys = {text.partition(" = ")[0] for text in result.causes or ()}
+        keys = {text.partition(" ")[0] for text in result.causes or ()}
         parts["pages"] = [cause.name for cause in CAUSES if keys & {*cause.keys}]
     chi = result.over_frames.chi[np.isfinite(result.over_frames.chi)]
     goodness = f"{chi.max():.2f} at most" if chi.size else "not known"
