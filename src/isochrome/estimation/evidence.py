@@ -376,6 +376,15 @@ class Evidence:
         here = np.linalg.lstsq(self.forms[at].T * size, now, rcond=None)[0]
         return float(np.sum(np.square(half.T @ (mean - here))))
 
+    def explained(self, chosen: Sequence[int]) -> float:
+        """By how much a set's values reduce the residual's squares over the noise's variance, of a
+        fit that has nothing yet.
+        """
+        (at, size), (mean, _) = self.places_of(chosen), self.posterior(chosen)
+        amplitudes, right = size * mean, self._matrix[at, -1]
+        fall = self._matrix[np.ix_(at, at)] @ amplitudes
+        return float(amplitudes @ (2.0 * right - fall))
+
     def values(self, chosen: Sequence[int]) -> Array:
         """The values a (k,) of all columns in a set."""
         (at, size), (mean, _) = self.places_of(chosen), self.posterior(chosen)

@@ -36,6 +36,7 @@ from isochrome.figures import (
     values_plots,
 )
 from isochrome.fitting.arrays import Array
+from isochrome.fitting.causes.cause import CAUSES
 from isochrome.fitting.frame.renderer import ModelFrame, evaluate_model
 from isochrome.fitting.frame_set import Lights, PreparedFrames
 from isochrome.fitting.joint.joint_fit import JointFit
@@ -113,6 +114,8 @@ def fit_report(folder: Path, result: Fit | Track, record: Mapping[str, Any]) -> 
         budget = ReportTable("Shares of each ± (budget.csv)", result.budget_columns)
         parts |= {"budget": budget if result.budget else None, "no_budget": _NO_BUDGET}
         parts |= {"tables": tables, "causes": result.causes, "refined": result.refined}
+        keys = {text.partition(" ")[0] for text in result.causes or ()}
+        parts["pages"] = [cause.name for cause in CAUSES if keys & {*cause.keys}]
     chi = result.over_frames.chi[np.isfinite(result.over_frames.chi)]
     goodness = f"{chi.max():.2f} at most" if chi.size else "not known"
     text = (

@@ -1,3 +1,3 @@
-from .api import TOPICS, guide_page
+from .api import TOPICS, atlas_file, atlas_picture, guide_page
 
-__all__ = ["TOPICS", "guide_page"]
+__all__ = ["TOPICS", "atlas_file", "atlas_picture", "guide_page"]

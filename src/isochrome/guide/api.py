@@ -1,6 +1,7 @@
 """The pages of the guide by their topics."""
 
 import difflib
+import re
 from importlib import resources
 
 from isochrome.errors import InputError
@@ -17,6 +18,7 @@ TOPICS = {
     "paper-figures": "figures for a paper",
     "conventions": "units, axes, and a glossary",
     "trust": "how far to trust a result: chi, causes, budget; what was tested against what",
+    "atlas": "patterns of the residual: what each looks like, its usual causes and its remedy",
     "theory": "the way from load to light, and the pages of its parts",
     "theory-contact": "pressure, friction, wear",
     "theory-stress": "stress below the surface, and in block, disc, ring and beam",
@@ -45,3 +47,14 @@ def guide_page(topic: str | None = None) -> str:
         hint = f"did you mean '{near[0]}'?" if near else f"pages: {', '.join(TOPICS)}"
         raise InputError("guide_has_no_such", topic=topic, hint=hint)
     return (resources.files("isochrome.guide") / f"{topic}.md").read_text("utf-8")
+
+
+def atlas_file(name: str) -> str:
+    """The picture of a page of the atlas beside it, by the name of what was there."""
+    return f"atlas/{re.sub('[^a-z]+', '-', name)}.png"
+
+
+def atlas_picture(name: str) -> bytes | None:
+    """The same as PNG; None where the atlas has no such page."""
+    place = resources.files("isochrome.guide") / atlas_file(name)
+    return place.read_bytes() if place.is_file() else None

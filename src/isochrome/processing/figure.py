@@ -23,6 +23,7 @@ from isochrome.processing.kinds.largest_order import AT_LEAST, ORDER_FROM
 from isochrome.processing.result import (
     CAUSES,
     EXPLAINED,
+    LOOKS_LIKE,
     PICTURE,
     REFINED,
     Processed,
@@ -31,6 +32,7 @@ from isochrome.processing.result import (
     fitted_keys,
     frame_values,
     own_values,
+    pages_of,
 )
 from isochrome.reporting import Pane
 from isochrome.runs import column_values
@@ -440,6 +442,7 @@ def _report_frames(
         for one, (_, order, _) in zip(shown, models, strict=True)
     ]
     limit = figures.centred_limit(*(gap for gap in gaps if gap is not None))
+    pages = result.columns.get(LOOKS_LIKE) or [""] * len(result.columns["frame"])
     frames = []
     for one, why, (signal, order, note), gap in zip(shown, reasons, models, gaps, strict=True):
         given: list[tuple[str, str, Any, tuple[float, float], str]] = [
@@ -457,7 +460,8 @@ def _report_frames(
             reporting.ReportFrame(
                 number=one.number, label=str(result.columns["label"][one.number]), why=why,
                 panes=tuple(Pane(*pane) for pane in given if pane[2] is not None),
-                order=one.order, model_order=order, notes=tuple(filter(None, notes)), **one.place,
+                order=one.order, model_order=order, notes=tuple(filter(None, notes)),
+                pages=pages_of(pages[one.number]), **one.place,
             )
         )  # fmt: skip
     return frames

@@ -53,6 +53,10 @@ CAUSES = "causes"
 REFINED = "refined"
 """Column of what frames know better than their scene states it, and output.agree with."""
 
+LOOKS_LIKE = "looks_like"
+"""Column of what a frame's residual looks like: pages of the atlas, with the share of it that each
+alone explains."""
+
 EXPLAINED = "explained_share"
 """Column of the share of a frame's light that the frames of known loads explain."""
 
@@ -61,8 +65,8 @@ def row_of_set(row: dict[str, Any], columns: Iterable[str], scene: Scene) -> dic
     """A frame's row as the set's columns have it: values of no column of theirs are its causes, or
     refined where they agree with what the scene states of them."""
     result = {name: row.get(name) for name in columns}
-    if ORDER_FROM in result:
-        result[ORDER_FROM] = result[ORDER_FROM] or ""  # texts that are not known are empty
+    for name in {ORDER_FROM, LOOKS_LIKE} & set(result):
+        result[name] = result[name] or ""  # texts that are not known are empty
     if CAUSES not in result:
         return result
     causes = {
@@ -82,6 +86,16 @@ def cell_values(text: str) -> dict[str, tuple[float, float]]:
     """What a cell of causes, or of refined values, holds: key to value and standard uncertainty."""
     parts = (re.split(" = | ± ", part) for part in text.split("; ") if part)
     return {key: (float(value), float(spread)) for key, value, spread in parts}
+
+
+def pages_text(nearest: Sequence[tuple[str, float]]) -> str:
+    """A cell of the atlas's pages: names with shares."""
+    return "; ".join(f"{name} ({100.0 * share:.0f} %)" for name, share in nearest)
+
+
+def pages_of(cell: str | None) -> tuple[tuple[str, str], ...]:
+    """Names of a cell's pages, each with its share as a text."""
+    return tuple(re.findall(r"(?:^|; )(.+?) \(([^()]*)\)(?=; |$)", cell or ""))
 
 
 def corner_of(scene: Scene, shape: tuple[int, int]) -> tuple[float, float]:
@@ -662,7 +676,7 @@ def restore(
         more = {"status": column_values(dataset["status"])}
         if "messages" in dataset:
             more["messages"] = column_values(dataset["messages"])
-    for name in {"warnings", CAUSES, REFINED} & set(table):
+    for name in {"warnings", CAUSES, REFINED, LOOKS_LIKE} & set(table):
         table[name] = ["" if text is None else text for text in table[name]]
     if "messages" not in more:  # an older run has their texts alone
         more["messages"] = [frame_messages([text] if text else ()) for text in table["warnings"]]

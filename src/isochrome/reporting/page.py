@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from isochrome import figures
 from isochrome.errors import InputError
+from isochrome.guide import atlas_picture
 from isochrome.messages import entry_of
 from isochrome.output import FittedResult, to_last_digit, with_uncertainty, write_text
 from isochrome.scene import Camera, Frames, Polariscope, Scene, dump_scene
@@ -112,9 +113,11 @@ class ReportFrame:
     left_mm: float = 0.0  # outer edges of the first column and row
     top_mm: float = 0.0
     notes: tuple[str, ...] = ()  # what to say of it, such as why it has no simulation
+    # of the atlas that its residual looks like most: names, and the share that each explains
+    pages: tuple[tuple[str, str], ...] = ()
 
 
-_AS_IT_IS = ("number", "label", "why", "notes", "pixel_mm", "left_mm", "top_mm")
+_AS_IT_IS = ("number", "label", "why", "notes", "pixel_mm", "left_mm", "top_mm", "pages")
 """Of a frame what the page takes unchanged."""
 
 
@@ -244,6 +247,7 @@ class ReportContent:
     # what the frames asked for besides the scene; None: nobody asked
     causes: Sequence[str] | None = None
     causes_text: str = ""  # what to say where there is no such list
+    pages: Sequence[str] = ()  # of the atlas, by the names of the causes
     refined: Sequence[str] = ()  # what the frames know better than the scene states it
     # keys of measured numbers whose uncertainty is not in the ±
     taken_as_exact: Sequence[str] = ()
@@ -452,6 +456,13 @@ def write_report(path: str | Path, content: ReportContent) -> Path:
     return Path(path)
 
 
+def atlas_pictures(content: ReportContent) -> dict[str, str]:
+    """Pictures of the atlas that a report shows, base64 of PNG, by the names of their pages."""
+    names = {*content.pages, *(name for frame in content.frames for name, _ in frame.pages)}
+    pictures = {name: atlas_picture(name) for name in sorted(names)}
+    return {name: base64.b64encode(png).decode() for name, png in pictures.items() if png}
+
+
 def report_html(content: ReportContent) -> str:
     """The page of a report, which asks no address."""
     picture = _picture(content.picture, ROOM_BYTES // 2)
@@ -472,6 +483,7 @@ def report_html(content: ReportContent) -> str:
             "data": {"frames": for_script},
             "strides": sorted({one["stride"] for one in frames}),
             "steps": sorted({one["step"] for one in maps}),  # that orders are rounded to
+            "atlas": atlas_pictures(content),
             "charts": [chart for plot in content.curves if (chart := drawn_chart(plot))],
             "groups": warnings_with_remedies(content.warnings),
             "picture": picture,

@@ -76,7 +76,8 @@ class Freed(Generic[S]):
 
     `causes` that were freed; whether `tractions` that are not the model's were fitted; `odd`
     (rows/3, cols/3), blocks of the picture that were left out; what was `asked` about the fit. Or
-    the `slip` in the scene that explains the frame: then the fit's light is none.
+    the `slip` in the scene that explains the frame: then the fit's light is none. `alone`, what
+    each thing by itself would explain of the residual as stated, the likeliest first.
     """
 
     now: S
@@ -86,6 +87,18 @@ class Freed(Generic[S]):
     odd: Mask | None = None
     asked: Asked | None = None
     slip: Slip | None = None
+    alone: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def nearest(self) -> tuple[tuple[str, float], ...]:
+        """What the residual as stated looks like most: three names with the share of it that each
+        by itself explains. What is named comes first; none where there is no residual to look at.
+        """
+        if not self.alone:
+            return ()
+        chances = {name: self.chances.get(name, 0.0) for name in self.alone}
+        order = sorted(self.alone, key=lambda name: -chances[name] * (chances[name] >= HALF))
+        return tuple((name, self.alone[name]) for name in order[:_LIKELY])
 
     @property
     def fit(self) -> Any:
@@ -199,6 +212,7 @@ def free_causes(solution: S) -> Freed[S]:
     if not solution.is_bright:
         return freed
     freed, search = freed.weighed(), _Search()
+    stated = freed.asked
     beside = freed.names  # the set beside which blocks were left out
     for _ in range(_MOST_TRIALS):
         moved = _moved(freed, search)
@@ -211,7 +225,11 @@ def free_causes(solution: S) -> Freed[S]:
     if freed.odd is not None and freed.names != beside:
         freed = _with_all_pixels(freed)
     # a frame that nothing explains has no causes, only another scene
-    return freed.undone() if freed.now.chi > POOR_CHI and not freed.is_plain else freed
+    if freed.now.chi > POOR_CHI and not freed.is_plain:
+        freed = freed.undone()
+    if stated is not None and (solution.chi > GOOD_CHI or freed.names):
+        freed = replace(freed, alone=stated.alone)
+    return freed
 
 
 def _moved(freed: Freed[S], search: _Search) -> Freed[S] | Asked:

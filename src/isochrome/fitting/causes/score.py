@@ -73,13 +73,15 @@ def names_of(
 class Asked(Weighed):
     """What frames show besides what is fitted. `causes` that may be there; `outside`, the blocks
     (rows, cols) that no noise explains, and `beside`, those at the surface; `modes` of a contact's
-    tractions; `order_power` (k, k), the mean products of an unknown order's waves; the `lights`
+    tractions; `order_power` (k, k), the mean products of an unknown order's waves; `excess`, the
+    residual's squares over those of noise; the `lights`
     that may be there; the `regions` of one frame, which may have waves of its own. Its sets are
     `judged` where trials tell them apart.
     """
 
     causes: tuple[Cause, ...]
     order_power: Array
+    excess: float = np.inf
     lights: tuple[Unevenness, ...] = ()
     outside: Mask | None = None
     beside: Mask | None = None
@@ -117,6 +119,20 @@ class Asked(Weighed):
     def ways(self, name: str) -> list[int]:
         """Numbers of the hypotheses that something is there."""
         return [k for k, way in enumerate(self.evidence.hypotheses) if way.name == name]
+
+    @cached_property
+    def alone(self) -> dict[str, float]:
+        """The share of the excess that each thing by itself explains, about a fit that has none of
+        them, to first order: the likeliest thing first.
+        """
+        evidence, best = self.evidence, dict[str, tuple[float, float]]()
+        for k, hypothesis in enumerate(evidence.hypotheses):
+            log = evidence.of((k,))
+            if log > best.get(hypothesis.name, (-np.inf, 0.0))[0]:
+                share = self.noise * evidence.explained((k,)) / self.excess
+                best[hypothesis.name] = log, min(1.0, max(0.0, share))
+        order = sorted(best, key=lambda name: -best[name][0])
+        return {name: best[name][1] for name in order}
 
     @property
     def order_size(self) -> float:
@@ -190,6 +206,7 @@ def ask(
         **vars(found),
         causes=causes,
         order_power=power,
+        excess=products.count * max(products.noise - 1.0, np.finfo(float).tiny),
         lights=lights,
         regions=regions,
         outside=outside if outside.any() else None,

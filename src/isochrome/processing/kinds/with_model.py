@@ -19,17 +19,22 @@ from isochrome.processing.kinds.kind import FrameKind
 from isochrome.processing.kinds.largest_order import LARGEST_BY_MODEL, PRESSURE, largest_with_model
 from isochrome.processing.result import (
     CAUSES,
+    LOOKS_LIKE,
     REFINED,
     SPREAD,
     Capture,
     ProcessedFrame,
     frame_fields,
+    pages_text,
     value_columns,
 )
 from isochrome.scene import Scene
 
 Explained = Literal["well enough", "not at all", "with a slip"]
 """How far a scene explains a frame; by a slip in it, it is another scene that does."""
+
+Nearest = tuple[tuple[str, float], ...]
+"""Names of what a residual looks like, each with the share of it that it alone explains."""
 
 _NO_ORDER = "model_too_far_off_name"
 
@@ -51,7 +56,8 @@ class WithModel(FrameKind):
         if apparatus is not None:
             data = apparatus.seen(data)
         held = self.as_stated or apparatus is not None
-        data, fit, scene, notes, has_slip = _fitted(data, scene, frame, as_stated=held)
+        data, fit, scene, notes, looks = _fitted(data, scene, frame, as_stated=held)
+        has_slip = looks is None
         data, model = _held(data, fit)
         reading, noise, lost = read_frame(frame, data, model, chi=fit.chi, positive=fit.positive)
         inside = data.valid & model.picture.material & (not lost)
@@ -59,7 +65,7 @@ class WithModel(FrameKind):
         signal = np.where(inside, (data.light - model.background) / gain, np.nan)
         largest, of_largest = largest_with_model(reading, model, fit.scene, fit)
         notes += [] if has_slip else _warnings(fit, reading, lost)
-        columns = {"kept_share": reading.kept} | largest
+        columns = {"kept_share": reading.kept, LOOKS_LIKE: pages_text(looks or ())} | largest
         if not lost and np.isfinite(fit.values).all():  # of a lost fit only where it began is left
             columns |= value_columns(fit.keys, fit.values, fit.standard_uncertainty)
         result = ProcessedFrame(
@@ -88,7 +94,7 @@ class WithModel(FrameKind):
         values = (name for key in keys for name in (key, f"{key} {SPREAD}"))
         pressure = PRESSURE if scene.is_contact else ()
         refined = (REFINED,) if self.refines and fitting.stated_pairs(scene) else ()
-        return ("kept_share", *LARGEST_BY_MODEL, *pressure, *values, CAUSES, *refined)
+        return ("kept_share", *LARGEST_BY_MODEL, *pressure, *values, CAUSES, LOOKS_LIKE, *refined)
 
 
 def _prepared(frame: Frame, scene: Scene, capture: Capture) -> FrameData:
@@ -118,27 +124,29 @@ def read_frame(
 
 def _fitted(
     data: FrameData, scene: Scene, frame: Frame, *, as_stated: bool
-) -> tuple[FrameData, fitting.FrameFit, Scene, list[str], bool]:
+) -> tuple[FrameData, fitting.FrameFit, Scene, list[str], Nearest | None]:
     """The frame as it was fitted, the fit, the scene that it began with (a disc's placed by its
-    rim), what to say, and whether a slip in the scene was found: the fit says nothing then."""
+    rim), what to say, and what its residual as stated looks like; None where a slip in the scene
+    was found: the fit says nothing then."""
     notes: list[str] = []
     if scene.rim_diameter_mm is not None:
         scene, notes = placed_disc(scene, data)
-    has_slip = False
+    looks: Nearest | None = ()
     try:
         if as_stated:
             fit = fitting.fit_frame(data, scene)
         else:
             extended = fitting.fit_with_causes(data, scene, past=True)
-            data, fit, has_slip = extended.data, extended.fit, extended.slip is not None
+            data, fit = extended.data, extended.fit
+            looks = None if extended.slip is not None else extended.nearest
             notes += fitting.cause_messages(extended)
     except PhysicsError as error:
         raise PhysicsError(f"frame {frame.index} ({frame.name}): " + error.message) from error
-    if fit.positive and not has_slip:  # the shear may point the other way than the scene's
+    if fit.positive and looks is not None:  # the shear may point the other way than the scene's
         for key, *pair in zip(fit.keys, fit.values, fit.standard_uncertainty, strict=True):
             text = fitting.opposite_shear(scene, key, *map(float, pair))
             notes += [] if text is None else [text]
-    return data, fit, scene, notes, has_slip
+    return data, fit, scene, notes, looks
 
 
 def placed_disc(scene: Scene, data: FrameData) -> tuple[Scene, list[str]]:
@@ -209,8 +217,8 @@ def frame_causes(
 ) -> tuple[list[str], Explained] | None:
     """What `process` will say of how a scene explains a frame; None where it shows no fringes."""
     data = _prepared(frame, scene, capture)
-    data, fit, _, notes, has_slip = _fitted(data, scene, frame, as_stated=False)
-    if has_slip:
+    data, fit, _, notes, looks = _fitted(data, scene, frame, as_stated=False)
+    if looks is None:
         return notes, "with a slip"
     if not (fit.positive or notes):
         return None
