@@ -128,11 +128,12 @@ def test_masked_peaks(tmp_path, seeds, models):
 @pytest.mark.long
 @pytest.mark.parametrize("tilt", [0.3, pytest.param(0.7, marks=pytest.mark.study)])
 def test_a_load_that_varies_through_the_thickness_leaves_the_largest_order_right(tilt):
-    """Taken for dust it was 22 % low, and silently so: it is in the tractions."""
+    """Taken for dust it was 22 % low, and silently so: it is a tilt, or in the tractions."""
     contact = OUTSIDE.Contact(friction=0.15, tilt=tilt)
     row, result = found(contact.frame(1), contact.scene())
     assert judged(row, largest(contact)[0])
-    assert "tractions that are not the model's" in " ".join(result.warnings)
+    causes = "a load that is uneven through the thickness", "tractions that are not the model's"
+    assert any(cause in " ".join(result.warnings) for cause in causes)
 
 
 @pytest.mark.long

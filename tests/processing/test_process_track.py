@@ -136,7 +136,7 @@ def test_killed_at_random_moments_it_ends_with_the_same_bytes(tmp_path, code, wo
 @pytest.mark.long
 def test_what_happens_in_the_middle_is_told(tmp_path, monkeypatch):
     """A load that jumps is found again; frames without fringes have no values."""
-    frames = film(contact(), {LOAD: [44.0, 44.0, 70.0, 70.0, 44.0, 44.0, 44.0, 44.0]}, 2)
+    frames = film(contact(), {LOAD: [44.0, 44.0, 70.0, 70.0, 44.0, 44.0, 44.0, 44.0]}, 3)
     rng = np.random.default_rng(3)
     for k in (4, 5, 6):
         frames[k] = np.clip(rng.normal(120.0, 3.0, SHAPE), 0, 255).astype(np.uint8)

@@ -476,14 +476,10 @@ class SetPoint:
         own: list[int | str] = [index] if index < model.loaded else [0, index]
         place = np.concatenate([model.places[i] for i in own])
         steps = STEP * np.concatenate([model.largest(int(i)) for i in own])
-        besides = model.value(self.values, model.kind.besides)
-        seen, (_, *beside) = model.looked_at(index, self.shared), self.orders[index]
         for at, step in zip(place, steps, strict=True):
             moved = self.values.copy()
             moved[at] += step
-            # what neighbours differ by, which a blur takes, hardly changes
-            order = model.kind.order(model.unknowns_of(index, moved), besides, *seen)
-            signal = model.signal((order, *beside), self.shared)
+            signal = model.signal(model.orders(index, moved, self.shared), self.shared)
             derivatives.append((signal - self.signals[index]) * gain / step)
         parts = [np.array(derivatives), *(self.rows_of(index, name) for name in model.names)]
         places = [place, *(model.places[name] for name in model.names)]

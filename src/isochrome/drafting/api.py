@@ -145,8 +145,8 @@ def find_contact(
     load, load_n = float(fit.scene.get(LOAD)), given.load_n
     assert load_n is not None
     far = not 1.0 / _FARTHEST < load / load_n < _FARTHEST
-    # what explains a frame poorly tells no load that is another than the given one
-    poor = fit.chi > POOR_CHI and (far or not clear)
+    # what explains a frame poorly, or but a part of it, tells no load but the given one
+    poor = (fit.chi > POOR_CHI or answer.odd is not None) and (far or not clear)
     if not fit.positive or _is_no_bench(fit) or poor:
         raise _unexplained(frame, fit.chi if fit.positive else None)
     if far:

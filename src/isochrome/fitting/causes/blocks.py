@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from isochrome.errors import PhysicsError
 from isochrome.estimation import (
     STEP,
     FrameData,
@@ -200,8 +201,15 @@ class FrameBlocks:
     def columns(self, cause: Cause) -> Array:
         """Weighted derivatives of the model by a cause's keys (k, n). An even one's is its effect
         over the square of its size; of plates that are turned alike, and behind it the slope by the
-        first alone, which has one.
+        first alone, which has one. Nought where no contact can be solved with it: then nothing
+        tells it.
         """
+        try:
+            return self._columns(cause)
+        except PhysicsError:
+            return np.zeros((1 if cause.even else len(cause.keys), len(self.residual)), np.float32)
+
+    def _columns(self, cause: Cause) -> Array:
         if cause.stated:
             return self._held
         if cause.keys[0] == BLUR:
