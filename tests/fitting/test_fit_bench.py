@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks import case_benches
 from benchmarks.outside_camera import Defects
 from benchmarks.outside_tractions import RealContact
 from benchmarks.outside_unlisted import UnlistedContact
@@ -105,3 +106,11 @@ def test_a_plane_that_nobody_knows_is_not_simulated():
         np.testing.assert_array_equal(first, second)
     with pytest.raises(InputError, match="give plane = 'unknown'"):
         load_scene("line-contact-wear").with_values({"specimen.plane_stress_share": 0.5})
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", [45, 94])
+def test_a_focus_beside_a_roll_or_in_a_louder_frame_is_fitted(seed):
+    """Hard cases: its field was not made anew for a slope; what is not sure was taken off noise
+    that had grown."""
+    assert not case_benches.judged("benches", seed).refused

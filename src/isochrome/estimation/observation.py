@@ -55,6 +55,8 @@ class FrameData(Observation):
 
     def toned(self, gamma: float) -> FrameData:
         """The frame read with another exponent, and with smooth light whatever was before."""
+        if self.bent is not None:
+            return self.less_sure(None).toned(gamma)
         level = np.maximum(self.raw, self.raw_sigma)
         return replace(
             self,
@@ -81,6 +83,7 @@ class FrameData(Observation):
             sigma=share * self.sigma,
             raw_sigma=share * self.raw_sigma,
             noise_ratio=ratio * self.noise_ratio,
+            bent=None if self.bent is None else share * self.bent,
         )
 
     def less_sure(self, share: Array | None) -> FrameData:

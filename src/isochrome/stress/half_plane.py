@@ -236,8 +236,9 @@ class RegularStress:
         return np.asarray(smooth + self._along_edges(np.asarray(z_mm, float)))
 
     def _along_edges(self, z_mm: Floats) -> Floats:
-        """sigma_x of machined edges, MPa."""
-        return np.asarray(sum(s * np.exp(-z_mm / depth) for s, depth in self.edges))
+        """sigma_x of machined edges, MPa; above the surface as on it."""
+        below = np.maximum(z_mm, 0.0)
+        return np.asarray(sum(s * np.exp(-below / depth) for s, depth in self.edges))
 
 
 NO_STRESS = RegularStress()

@@ -283,7 +283,8 @@ class SceneRenderer:
             return self._waves(surface, pixels, slopes), pixels.places
         around = pixels.around(_PARTS if self.stride > 1 else 1, bent=bend != 0.0)
         asked, last = (slopes, bend != 0.0), self._behind_lens
-        if last is None or last[0] is not surface or last[1] != around or asked > last[2]:
+        lacks = last is not None and any(a and not b for a, b in zip(asked, last[2], strict=True))
+        if last is None or last[0] is not surface or last[1] != around or lacks:
             made = self._waves(surface, around, *asked)
             last = self._behind_lens = surface, around, asked, made
         made, places = last[3], pixels.places
@@ -398,7 +399,8 @@ def bent_share(scene: Scene, shape: tuple[int, int]) -> Array | None:
     order = scene_optics(scene).order(renderer.difference(scene, renderer.state(scene)))
     slope = np.hypot(*np.gradient(order, pixel))
     differs = shift * (slope * steep + 0.5 * np.hypot(*np.gradient(slope, pixel)) * shift)
-    return np.asarray(np.hypot(steep**2, np.pi * differs), np.float32)
+    # all of the light is as unsure as it can be
+    return np.asarray(np.minimum(np.hypot(steep**2, np.pi * differs), 1.0), np.float32)
 
 
 def with_waves(scene: Scene, field: Array, waves: Array) -> Array:

@@ -42,7 +42,11 @@ _SCALES = {_ROLL: 60.0} | dict.fromkeys((BLUR, FOCUS, SWING, TILT), 100.0)
 
 _BOUNDS = dict.fromkeys((FRICTION, EARLIER), (-2.0, 2.0))
 _BOUNDS |= {GAMMA: (0.2, 5.0), BLUR: (0.0, 50.0), _ROLL: (-45.0, 45.0)}
-_BOUNDS |= dict.fromkeys(_BENT, (-0.1, 0.1)) | {SWING: (0.0, 0.5), PLANE: (-1.0, 2.0)}
+_BOUNDS |= dict.fromkeys(_BENT, (-0.1, 0.1)) | {
+    SWING: (0.0, 0.5),
+    PLANE: (-1.0, 2.0),
+    FOCUS: (-20.0, 20.0),
+}
 _BOUNDS |= dict.fromkeys((LAYER, ROUGHNESS, TILT), (0.0, 10.0))
 
 _MICROMETRE = 1e-7
