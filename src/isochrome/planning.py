@@ -46,7 +46,10 @@ from isochrome.figures import (
 )
 from isochrome.fitting import (
     GAMMA,
+    LEFT,
     LENS,
+    PIXEL,
+    TOP,
     Cause,
     FrameModel,
     candidates,
@@ -97,7 +100,6 @@ if TYPE_CHECKING:
 
 Array = NDArray[Any]
 
-LEFT, TOP, PIXEL = "camera.left_mm", "camera.top_mm", "camera.pixel_mm"
 _USUAL = ("load.normal_n", PIXEL, "specimen.thickness_mm")
 """What is varied where nothing is said: half of it, as it is, and twice."""
 

@@ -12,6 +12,7 @@ from isochrome.fitting import fit_frame, fit_with_causes
 from isochrome.frames import Frame
 from isochrome.scene import parse_scene
 
+from .common import PAPER_CONTACT
 from .outside_camera import Defects, frame
 from .report import lines_of, machine, of_seeds, share_figure
 from .rows import InputRow
@@ -30,18 +31,9 @@ STATED = {
 _TRUTHS = ((44.0, 0.2), (32.0, 0.12), (56.0, 0.28))
 """Loads (N) and friction coefficients of the frames, in turn."""
 
-_SCENE = """
-[specimen]
-young_gpa = 2.1
-poisson = 0.4
-thickness_mm = 4.0
-fringe_value_n_per_mm = 14.6
-[indenter]
-radius_mm = 24.61
-young_gpa = 210.0
-poisson = 0.3
-[load]
-normal_n = 44.0
+_SCENE = (
+    PAPER_CONTACT
+    + """\
 [friction]
 coefficient = 0.2
 [camera]
@@ -52,6 +44,7 @@ top_mm = 0.1
 pixel_mm = 0.018
 bit_depth = 8
 """
+)
 
 
 def cases():

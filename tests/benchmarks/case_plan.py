@@ -14,6 +14,7 @@ from isochrome.planning import plan
 from isochrome.scene import parse_scene
 from isochrome.simulation import camera_frame, polariscope_light, scene_states, stress_map
 
+from .common import PAPER_CONTACT
 from .report import lines_of, machine
 from .rows import PlanRow
 
@@ -28,18 +29,9 @@ STATED = {
 }  # fmt: skip
 """Relative standard uncertainties of the inputs, of those that a scene has."""
 
-_CONTACT = """
-[specimen]
-young_gpa = 2.1
-poisson = 0.4
-thickness_mm = 4.0
-fringe_value_n_per_mm = 14.6
-[indenter]
-radius_mm = 24.61
-young_gpa = 210.0
-poisson = 0.3
-[load]
-normal_n = 44.0
+_CONTACT = (
+    PAPER_CONTACT
+    + """\
 [camera]
 width_px = 220
 height_px = 164
@@ -51,6 +43,7 @@ brightness = 0.75
 background = 0.1
 noise_grey = 2.0
 """
+)
 _SLIDING = """
 [friction]
 coefficient = 0.2

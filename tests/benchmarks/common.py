@@ -67,3 +67,19 @@ def with_ratios(rows):
 def plain(ratio):
     """A ratio to two figures, never as a power of ten."""
     return f"{ratio:.2g}" if ratio < 10.0 else f"{float(f'{ratio:.2g}'):.0f}"
+
+
+PAPER_CONTACT = """\
+[specimen]
+young_gpa = 2.1
+poisson = 0.4
+thickness_mm = 4.0
+fringe_value_n_per_mm = 14.6
+[indenter]
+radius_mm = 24.61
+young_gpa = 210.0
+poisson = 0.3
+[load]
+normal_n = 44.0
+"""
+"""The paper's block, cylinder and load."""

@@ -88,6 +88,17 @@ def test_a_frame_tells_plane_strain_from_plane_stress(plane, seed):
     assert_load(freed, contact)
 
 
+def test_a_plane_is_told_out_of_focus_too():
+    """What is not sure of bent light is of the scene that the fit begins with."""
+    contact = made(RealContact, 3, friction=0.0)
+    tables = contact.scene()
+    tables["specimen"] = tables["specimen"] | {"plane": "unknown"}
+    tables["camera"] = tables["camera"] | {"focus_mm": 0.01}
+    scene = load_scene(tables | {"load": {"normal_n": contact.load_n}})
+    data = prepare_frame(Frame(0, contact.frame(7), None, "bench"), scene, bit_depth=8)
+    assert abs(value(fit_with_causes(data, scene), "specimen.plane_stress_share")[0]) < 0.2
+
+
 def test_a_modulus_that_nobody_knows_leaves_the_plane_open():
     contact = made(RealContact, 3, friction=0.0)
     young = {"value": contact.scene()["specimen"]["young_gpa"], "standard_uncertainty": 0.3}

@@ -43,7 +43,7 @@ from isochrome.fitting.causes.slips import Slip, explaining_slip, is_lost
 from isochrome.fitting.causes.solution import Askable, Change, FrameSolution
 from isochrome.fitting.causes.trial import Expected, Trial
 from isochrome.fitting.frame.far_model import FAR
-from isochrome.fitting.frame.frame_fit import fit_with_model, placed
+from isochrome.fitting.frame.frame_fit import begun_scene, fit_with_model
 from isochrome.fitting.frame.renderer import bent_share
 from isochrome.fitting.frame.unknowns import StatedInputs, limits
 from isochrome.scene import Scene
@@ -416,7 +416,7 @@ def _named(asked: Asked) -> list[Members]:
 
 def _any_pressure(asked: Asked, first: Members) -> list[Members]:
     """Tractions as large as they may be with a smooth stress, near what most contacts have; and a
-    set with a modulus or a layer in place of tractions.
+    set with one of OF_PRESSURE in place of tractions.
     """
     press = asked.ways(TRACTIONS)
     wider = [k for name in sorted(OF_PRESSURE) for k in asked.ways(name)[:1]]
@@ -623,7 +623,7 @@ def fit_with_causes(
     the scene explains nothing; `past`, whether another friction before, which the block's scar
     remembers, may be freed.
     """
-    data = data.less_sure(bent_share(placed(scene, data.shape), data.shape))
+    data = data.less_sure(bent_share(begun_scene(scene, data.shape), data.shape))
     try:
         fitted = fit_with_model(data, scene, keys, cold=cold, stated=stated)
     except PhysicsError as error:

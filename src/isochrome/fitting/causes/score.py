@@ -74,14 +74,13 @@ class Asked(Weighed):
     """What frames show besides what is fitted. `causes` that may be there; `outside`, the blocks
     (rows, cols) that no noise explains, and `beside`, those at the surface; `modes` of a contact's
     tractions; `order_power` (k, k), the mean products of an unknown order's waves; `excess`, the
-    residual's squares over those of noise; the `lights`
-    that may be there; the `regions` of one frame, which may have waves of its own. Its sets are
-    `judged` where trials tell them apart.
+    residual's squares over those of noise; the `lights` that may be there; the `regions` of one
+    frame, which may have waves of its own. Its sets are `judged` where trials tell them apart.
     """
 
     causes: tuple[Cause, ...]
     order_power: Array
-    excess: float = np.inf
+    excess: float
     lights: tuple[Unevenness, ...] = ()
     outside: Mask | None = None
     beside: Mask | None = None

@@ -175,10 +175,9 @@ def fit_with_model(
     """`fit_frame` with its model; `rested`: from where a fit came to rest few pixels lead away."""
     keys = free_keys(scene) if keys is None else keys
     stated = stated_inputs(scene) if stated is None else stated
-    scene = placed(scene, data.shape)
-    if scene.is_contact and scene.specimen.share_of_plane_stress is None:
+    if _has_open_plane(scene):
         keys = tuple(dict.fromkeys((*keys, PLANE)))
-        scene = scene.with_values({PLANE: 0.5})
+    scene = begun_scene(scene, data.shape)
     made = _fit_toned(data, scene, keys, stated, cold=cold, rested=rested)
     ratio = local_noise(
         made.model.pixels.keep,
@@ -322,6 +321,17 @@ def hidden_px(scene: Scene) -> float:
     """Depth (px) above which no pixel of a scene is fitted: a blur brings the surface down."""
     assert scene.camera is not None
     return EDGE_PX + _HALO * scene.camera.blur_px
+
+
+def _has_open_plane(scene: Scene) -> bool:
+    """Whether a fit is to tell plane strain from plane stress."""
+    return scene.is_contact and scene.specimen.share_of_plane_stress is None
+
+
+def begun_scene(scene: Scene, shape: tuple[int, int]) -> Scene:
+    """The scene that a frame's fit begins with: `placed`, an open plane half-way."""
+    scene = placed(scene, shape)
+    return scene.with_values({PLANE: 0.5}) if _has_open_plane(scene) else scene
 
 
 def placed(scene: Scene, shape: tuple[int, int]) -> Scene:
