@@ -80,7 +80,7 @@ class Asked(Weighed):
 
     causes: tuple[Cause, ...]
     order_power: Array
-    excess: float
+    excess: float = np.inf
     lights: tuple[Unevenness, ...] = ()
     outside: Mask | None = None
     beside: Mask | None = None
