@@ -176,7 +176,10 @@ def test_the_real_disc_is_reported_with_its_poor_fit(tmp_path):
     assert found.chi > 5 and any("does not describe" in w for w in found.warnings)
     assert 0.001 < found.standard_uncertainty / found.fringe_value_n_per_mm < 0.1
     assert found.order_at_zero_load is not None
-    assert all(abs(i.predicted_order - i.order) < 0.3 for i in found.images)
+    # each load by the six others, in what it is said to be off by; the orders' whole number is open
+    pulls = [(i.predicted_order - i.order) / i.predicted_uncertainty for i in found.images]
+    assert np.all(np.abs(pulls) < 2.0)
+    assert found.order_at_zero_load_uncertainty > 0.4
     figure = found.figure()
     drawn = [t.get_text() for a in figure.axes if (k := a.get_legend()) for t in k.get_texts()]
     assert "predicted" in drawn

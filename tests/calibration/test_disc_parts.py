@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from isochrome.calibration import Circle, Disc
+from isochrome.calibration import Circle, Disc, ImageFit
 from isochrome.calibration.disc import disc_field
-from isochrome.calibration.disc.api import fit_disc
+from isochrome.calibration.disc.api import fit_disc, of_whole_orders
 from isochrome.calibration.disc.disc_field import (
     ORDERS,
     THIN,
@@ -86,7 +86,7 @@ def test_a_tone_curve_is_not_taken_for_residual_stress(disc_frame):
     ids=["clear", "another is as good", "most is left"],
 )
 def test_a_rise_is_clear_where_no_other_explains_as_much(explained, runner_up, clear):
-    assert Rise(0.01, 0.0, explained, runner_up).clear is clear
+    assert Rise(0.01, 0.0, explained, runner_up, 0.02).clear is clear
 
 
 def test_a_slopes_share_is_what_its_waves_explain_and_these_are_of_least_squares():
@@ -118,9 +118,28 @@ def test_orders_from_the_rise_are_off_by_what_they_say(disc_frame):
 
         images = [disc_frame(n, rng, residual=residual, **SMALL) for n in centres]
         shots, circles = as_shots(images, disc_load(centres)), [CIRCLE] * 6
-        rise = Rise(1.0 / disc_load(1.0), ANGLE, 0.9, 0.1)
+        rise = Rise(1.0 / disc_load(1.0), ANGLE, 0.9, 0.1, 0.5)
         found = fit_rise(shots, circles, overlay(shots, circles), rise, DIAMETER)
         rises = np.array([i.order for i in found[1:]]) - found[0].order
         spread = np.array([i.standard_uncertainty for i in found[1:]])
         pulls.append((rises - (centres[1:] - centres[0])) / spread)
     assert 0.3 < np.sqrt(np.mean(np.square(pulls))) < 2.0
+
+
+@pytest.mark.parametrize(("at_zero", "bar"), [(0.0, 0.07), (0.5, 0.8), (-0.5, 0.8), (0.2, 0.2)])
+def test_orders_known_up_to_a_whole_one_say_so(at_zero, bar):
+    """At half an order the other is as likely: a chance of a half that all are one lower or higher.
+    An even residual of .2 along the loads and .2 along the axes is .28 at the centre."""
+    loads = np.array((100.0, 250.0, 400.0))
+    images = [
+        ImageFit(file="", load_n=p, order=0.01 * p + at_zero, standard_uncertainty=0.02, chi=1.0)
+        for p in loads
+    ]
+    found, covariance = of_whole_orders(images)
+    others = np.array((-2.0, -1.0, 1.0, 2.0))
+    odds = np.exp((at_zero**2 - (at_zero + others) ** 2) / (2 * 2 * 0.2**2))
+    shared = odds @ others**2 / (1.0 + odds.sum())
+    np.testing.assert_allclose(covariance, shared + 0.02**2 * np.eye(3), rtol=1e-3)
+    assert np.sqrt(shared) < bar
+    assert [i.order for i in found] == [i.order for i in images]
+    assert found[0].standard_uncertainty == pytest.approx(np.hypot(0.02, np.sqrt(shared)))

@@ -74,8 +74,8 @@ def fit_disc(shot: Shot, starts: Array) -> Array:
     """One image's centre order, centre, radius and load direction (5,), from `starts` (m, 5).
     PhysicsError for too low or ambiguous an order, or a fit that did not converge.
     """
-    for rim in (0.25, RIM):
-        model = disc_model([shot], starts[:1], {}, rim=rim)
+    for rim, pixels in ((0.25, ROUGH_PIXELS), (RIM, PIXELS)):  # begun roughly
+        model = disc_model([shot], starts[:1], {}, rim=rim, pixels=pixels)
         fits = best_first(model.fit(start) for start in starts)
         if not fits:
             raise PhysicsError("no_start_gives_positive")
@@ -151,7 +151,7 @@ ROUGH_PIXELS = 3_000
 RADII = np.linspace(0.92, 1.01, 4)
 ORDERS = np.linspace(-0.6, 0.6, 5)
 REFINED = 4
-"""Starts with a residual: pixels of the square about the disc, radii over the least one found,
+"""Starts: pixels of the square about the disc; with a residual, radii over the least one found,
 sizes in fringes, and how many are refined."""
 
 RESIDUAL = "residual stress"
@@ -292,11 +292,14 @@ def disc_from_shots(shots: Sequence[Shot], given: CalibrationSet) -> Calibration
         unknowns, refused = [start[0] for start in starts], error
     fit = fit_disc_set([*loaded, *idle], np.array(unknowns), stated_values(given))
     if refused is not None and not (RESIDUAL in fit.model.free and fit.explained):
-        images = images_by_rise(loaded, scans, diameter_mm, refused)
+        images, covariance = images_by_rise(loaded, scans, diameter_mm, refused)
         messages = [
             message("closed_form_disc_does"), *unused(idle, message("order_zero_load_from"))
         ]  # fmt: skip
-        return calibration_of("disc", images, factor, inputs, given, fit=None, messages=messages)
+        return calibration_of(
+            "disc", images, factor, inputs, given,
+            fit=None, covariance=covariance, messages=messages,
+        )  # fmt: skip
     images, covariance = disc_images(fit, scans, given)
     return calibration_of(
         "disc", images, factor, inputs, given,
@@ -306,19 +309,39 @@ def disc_from_shots(shots: Sequence[Shot], given: CalibrationSet) -> Calibration
 
 def images_by_rise(
     shots: Sequence[Shot], scans: Sequence[Scan], diameter_mm: float, refused: PhysicsError
-) -> list[ImageFit]:
-    """The images' orders from their rise with the load. Where that is not clear, raises what
-    refused them; before that, loads that contradict clear orders of the images' own scans.
+) -> tuple[list[ImageFit], Array]:
+    """The images' orders from their rise with the load, and their covariance (m, m). Where it is
+    not clear, raises what refused them; before that, loads that contradict clear orders of the
+    images' own scans.
     """
     circles = [scan.circle for scan in scans]
     images = overlay(shots, circles)
     rise = rise_with_load(images)
     if rise is not None and rise.clear:
-        return fit_rise(shots, circles, images, rise, diameter_mm)
+        return of_whole_orders(fit_rise(shots, circles, images, rise, diameter_mm))
     if all((scan.curve.min() / scan.smooth_chi) ** 2 < 1.0 - EXPLAINED for scan in scans):
         alone = choose_centre_orders(scans, [0.0] * len(scans))
         check_order([shot.load_n for shot in shots], alone, [shot.name for shot in shots])
+    if rise is not None and rise.explained > EXPLAINED:
+        raise PhysicsError("two_rises_explain", slope=rise.slope, rival=rise.rival)
     raise refused
+
+
+def of_whole_orders(images: Sequence[ImageFit]) -> tuple[list[ImageFit], Array]:
+    """Images whose orders may all be whole orders higher or lower, and the covariance (m, m) by
+    that: what stays at zero load is as likely as a residual of usual size is at the centre.
+    """
+    loads, orders, spread = np.array(
+        [(i.load_n, i.order, i.standard_uncertainty) for i in images]
+    ).T
+    centre = residual_basis(np.zeros(1), np.zeros(1), np.ones(1, complex)).real[:, 0]
+    at_zero, others = np.polynomial.polynomial.polyfit(loads, orders, 1)[0], np.arange(-9, 10)
+    chances = np.exp(-0.5 * ((at_zero + others) / np.linalg.norm(centre * SIZES)) ** 2)
+    covariance = np.diag(spread**2) + chances @ others**2 / chances.sum()
+    spreads = np.sqrt(np.diag(covariance)).tolist()
+    return [
+        replace(i, standard_uncertainty=u) for i, u in zip(images, spreads, strict=True)
+    ], covariance
 
 
 def disc_images(

@@ -299,12 +299,15 @@ class Overlay:
 
 @dataclass(frozen=True)
 class Rise:
-    """Slope k (fringe/N), loads' angle (rad), its share of the variation and the next best's."""
+    """Slope k (fringe/N), loads' angle (rad), its share of the variation and the next best's, of
+    the slope `rival`, which makes a fringe more, or less, between the loads.
+    """
 
     slope: float
     angle: float
     explained: float
     runner_up: float
+    rival: float
 
     @property
     def clear(self) -> bool:
@@ -335,8 +338,12 @@ def rise_with_load(images: Overlay) -> Rise | None:
     shares = np.stack([_shares(images, angle, slopes) for angle in angles])
     i, best = np.unravel_index(int(np.argmax(shares)), shares.shape)
     far = np.abs(slopes - slopes[best]) * np.ptp(loads) > 1.0
-    runner = float(shares[:, far].max()) if far.any() else 0.0
-    return Rise(float(slopes[best]), float(angles[i]), float(shares[i, best]), runner)
+    others = np.where(far, shares.max(axis=0), 0.0)
+    rival = int(np.argmax(others))
+    return Rise(
+        slope=float(slopes[best]), angle=float(angles[i]), explained=float(shares[i, best]),
+        runner_up=float(others[rival]), rival=float(slopes[rival]),
+    )  # fmt: skip
 
 
 def _shares(images: Overlay, angle: float, slopes: Array) -> Array:
