@@ -85,7 +85,8 @@ def test_residual_of_a_third_of_a_fringe_along_the_loads(disc_frame):
     found = calibrated([disc_frame(c, rng, residual=residual, **SMALL_DISC) for c in CENTRES])
     assert_agrees(found, 5e-4)  # the bar is 2e-3
     assert found.order_at_zero_load == pytest.approx(0.3, abs=2e-3)  # the bar is 0.02
-    assert found.residual["centre_order"] == pytest.approx(0.3, abs=2e-3)
+    # the part across the loads, known to some .04, adds its square to that: as of the tensors below
+    assert found.residual["centre_order"] == pytest.approx(0.3, abs=5e-3)
     # the noise that is estimated beside fine fringes is up to a sixth too large
     assert 0.8 < found.chi < 1.1
 
