@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from benchmarks import case_benches
+from benchmarks.outside_bench import BenchContact
 from benchmarks.outside_camera import Defects
 from benchmarks.outside_tractions import RealContact
 from benchmarks.outside_unlisted import UnlistedContact
@@ -125,3 +126,16 @@ def test_a_focus_beside_a_roll_or_in_a_louder_frame_is_fitted(seed):
     """Hard cases: its field was not made anew for a slope; what is not sure was taken off noise
     that had grown."""
     assert not case_benches.judged("benches", seed).refused
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("fact", "bar"), [({"roughness_mm": 2e-4}, 0.2), ({}, 0.0)])
+def test_rough_surfaces_are_found_in_a_worn_contact_too(fact, bar):
+    """It was named tractions, a modulus or a tilt, and the modulus was off by 7 to 37 of its u."""
+    contact = made(BenchContact, 9, worn_m=100.0, **fact)
+    freed = asked(contact)
+    assert freed.names == ({"rough surfaces"} if fact else frozenset())
+    if fact:
+        found, spread = value(freed, "contact.roughness_um")
+        assert abs(found - bar) < 3.0 * spread < 0.3 * bar
+    assert_load(freed, contact)

@@ -6,6 +6,7 @@ taken at the blocks' centres, from the field that the fit ended with. Nothing is
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +38,7 @@ from isochrome.fitting.frame.far_model import by_field
 from isochrome.fitting.frame.frame_model import gamma_slope, trust_of_slopes
 from isochrome.fitting.frame.renderer import SceneRenderer, scene_optics
 from isochrome.fitting.frame.unknowns import (
+    BETWEEN,
     BLUR,
     EDGE,
     FOCUS,
@@ -279,8 +281,11 @@ class FrameBlocks:
             # what the contact would be with another modulus, or the scar under another friction
             # a logarithm has no slope at nought
             part = 1.0 if key == ROUGHNESS and not value else _PART
+            wider: dict[str, Any] = {"numerics.window_mm": None} if key == ROUGHNESS else {}
+            if key in BETWEEN and self.scene.wear is not None:  # which costs most, and few digits
+                part, tolerance = max(part, 10.0 * _PART), self.scene.numerics.tolerance
+                wider["numerics.tolerance"] = min(10.0 * tolerance, _PART)
             step = part * _SOLVED[key] * (value if key == YOUNG else 1.0)
-            wider = {"numerics.window_mm": None} if key == ROUGHNESS else {}
             there = self.scene.with_values({key: value + step, **wider})
             field = self._renderer.whole(there, self._renderer.field_alone(there))
             return self._turned((np.nan_to_num(self.thin(field)) - self._fields[0]) / step)

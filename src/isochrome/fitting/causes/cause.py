@@ -10,6 +10,7 @@ from isochrome.fitting.frame.unknowns import (
     FOCUS,
     GAMMA,
     LAYER,
+    LEAST_BETWEEN,
     LENS,
     PIXEL,
     ROUGHNESS,
@@ -18,7 +19,7 @@ from isochrome.fitting.frame.unknowns import (
     TILT,
     StatedInputs,
 )
-from isochrome.scene import Scene
+from isochrome.scene import DistanceTable, Scene
 
 PLATES = ("polariscope.input_plate_error_deg", "polariscope.output_plate_error_deg")
 BAND = "polariscope.bandwidth_nm"
@@ -66,7 +67,7 @@ class Cause:
 TINY = 1e-9
 """A lens that does nothing: its picture is made as that of one that does."""
 
-_STARTS = dict.fromkeys(LENS, TINY) | {GAMMA: 1.0, ROUGHNESS: 0.1}
+_STARTS = dict.fromkeys(LENS, TINY) | {GAMMA: 1.0, LAYER: LEAST_BETWEEN, ROUGHNESS: 0.1}
 
 # sizes: a tripod's and a mount's by eye; a plain lens's; a look that is 2 degrees off the normal
 _ROLL, _DISTORTION, _SIDE, _ABOVE = LENS
@@ -143,8 +144,8 @@ def _has(scene: Scene, key: str) -> bool:
         return scene.is_contact
     if key in (TILT, SWING):  # of an even one all is weighed: a stated one would be found again
         return scene.is_contact and not scene.get(key)
-    if key in BETWEEN:  # sliding wears it off
-        return scene.is_contact and scene.wear is None
+    if key in BETWEEN:
+        return scene.is_contact and not isinstance(scene.get(key), DistanceTable)
     if key in (PIXEL, FRINGE_VALUE):  # in a contact they look like its modulus
         return not scene.is_contact
     if key == EARLIER:

@@ -22,6 +22,9 @@ TANGENTIAL = "load.tangential_n"
 EARLIER = "friction.earlier_change"
 """Another friction while the block wore: the scar's shape remembers it."""
 BETWEEN = LAYER, ROUGHNESS = "contact.layer_um_per_mpa", "contact.roughness_um"
+LEAST_BETWEEN = 1e-3
+"""The least of these that is fitted where there is wear, in their units: a bare contact wears on a
+mesh of its own, to which no difference may be taken."""
 PLANE = "specimen.plane_stress_share"
 FOCUS, SWING, TILT = "camera.focus_mm", "load.swing", "load.tilt"
 EDGE = EDGE_STRESS, EDGE_DEPTH = "specimen.edge_stress_mpa", "specimen.edge_depth_mm"
@@ -142,8 +145,7 @@ def _limit(scene: Scene, key: str) -> tuple[float, float]:
         least, most = _BOUNDS[key]
         return (0.0, most) if value >= 0.0 else (least, 0.0)
     if key in BETWEEN and scene.wear is not None:
-        # a bare contact wears on a mesh of its own, to which no difference may be taken
-        return 1e-3, _BOUNDS[key][1]
+        return LEAST_BETWEEN, _BOUNDS[key][1]
     if key in _BOUNDS:
         return _BOUNDS[key]
     if key.endswith("_error_deg"):
