@@ -28,15 +28,15 @@ from isochrome.calibration.whole_set import (
     SetFit,
 )
 from isochrome.errors import InputError, PhysicsError
-from isochrome.estimation import POOR_CHI, cosine_rms, variance_shares
-from isochrome.fitting import CAUSES, NAMED, ORDER, SUSPECTED
+from isochrome.estimation import HALF, POOR_CHI, cosine_rms, variance_shares
+from isochrome.fitting import CAUSES, NAMED, ORDER, RARE, SUSPECTED
 from isochrome.messages import message
 from isochrome.output import per_cent, with_uncertainty
 
 Array = NDArray[np.float64]
 
 NOTICED = 0.05
-"""Fringes at the least that such a contradiction is worth a sentence."""
+"""Fringes at the least that stay at no load, or contradict it, that are worth a sentence."""
 
 LINE_MISFIT = 0.12
 """Distance of an order from the other loads' line, in orders' range, that is refused."""
@@ -45,6 +45,9 @@ LARGEST_REST = 0.25
 
 PLAUSIBLE_N_PER_MM = (0.03, 2000.0)
 """From gelatine to glass, with room on both sides."""
+
+CREEP = 0.003
+"""Relative change of a fringe value from one image to the next, of polymers under steady load."""
 
 EDGE_PX = 0.5
 """What an edge, or a rim, itself is uncertain by: a bevel, the light that it scatters, and how a
@@ -67,6 +70,10 @@ class OrderLine:
     left_out: Array | None = None  # each order by the other loads; None below three
     left_out_uncertainty: Array | None = None  # of the difference
     weights: Array  # d slope / d order, 1/N
+    slope_creep: float = 0.0  # the slope's uncertainty by creep between images
+    chance_of_creep: float = 0.0
+    creep: float = 0.0  # relative change of the orders from one image to the next, if there is
+    creep_uncertainty: float = 0.0
 
 
 def fit_line(loads_n: ArrayLike, orders: ArrayLike, uncertainties: ArrayLike) -> OrderLine:
@@ -75,6 +82,13 @@ def fit_line(loads_n: ArrayLike, orders: ArrayLike, uncertainties: ArrayLike) ->
     line exceeds its 95 % point, and then brings it to the degrees of freedom (Paule & Mandel, J.
     Res. Natl. Bur. Stand. 87, 1982, 377-385). An intercept from two loads on.
     """
+    return _fit_line(loads_n, orders, uncertainties)[0]
+
+
+def _fit_line(
+    loads_n: ArrayLike, orders: ArrayLike, uncertainties: ArrayLike
+) -> tuple[OrderLine, float]:
+    """The line, and ln of its evidence (REML; Patterson & Thompson, Biometrika 58, 1971, 545)."""
     p, n, u = (np.asarray(v, dtype=float) for v in (loads_n, orders, uncertainties))
     v, several = np.diag(u**2) if u.ndim == 1 else u, np.unique(p).size > 1
     design = np.stack([p, np.ones_like(p)]) if several else p[None]
@@ -93,9 +107,53 @@ def fit_line(loads_n: ArrayLike, orders: ArrayLike, uncertainties: ArrayLike) ->
             row[keep] = -design[:, i] @ of_others
         spread = np.sqrt(np.diag(away @ v @ away.T))
         more |= {"left_out": n - away @ n, "left_out_uncertainty": spread}
-    return OrderLine(
+    away_all = n - values @ design
+    log = -0.5 * float(away_all @ np.linalg.solve(wide, away_all))
+    log += 0.5 * float(np.linalg.slogdet(covariance)[1] - np.linalg.slogdet(wide)[1])
+    line = OrderLine(
         slope=float(values[0]), slope_uncertainty=max(spreads[0], noise), slope_noise=noise,
         scatter=scatter, weights=weights[0], **more,
+    )  # fmt: skip
+    return line, log
+
+
+def creeping_line(loads_n: ArrayLike, orders: ArrayLike, uncertainties: ArrayLike) -> OrderLine:
+    """The line of orders n_j, in the order of their images, that may creep by c j n_j: the slope is
+    the first image's. With creep and without are averaged by their evidence, so that what orders
+    leave open of it is in the uncertainty: of two loads, all.
+    """
+    p, n, u = (np.asarray(v, dtype=float) for v in (loads_n, orders, uncertainties))
+    v, turns = np.diag(u**2) if u.ndim == 1 else u, n * np.arange(n.size)
+    ways = [_fit_line(p, n, v + c**2 * np.outer(turns, turns)) for c in (0.0, CREEP)]
+    (still, log), (crept, log_crept) = ways
+    if still.intercept is None or crept.intercept is None:
+        return still
+    odds = np.exp(min(log - log_crept, 700.0)) * (1.0 - RARE) / RARE
+    chance = float(1.0 / (1.0 + odds))
+    wide = v + crept.scatter**2 * np.eye(n.size)
+    design = np.stack([p, np.ones_like(p)])
+    # c as one more unknown of the line, with its prior
+    rows = np.concatenate([design, turns[None]])
+    inverse = np.linalg.inv(rows @ np.linalg.solve(wide, rows.T) + np.diag([0, 0, CREEP**-2.0]))
+    creep = (inverse @ rows @ np.linalg.solve(wide, n))[2]
+    best = crept if chance > HALF else still
+    known = max(_solve(design, n, v + best.scatter**2 * np.eye(n.size))[1][0, 0], 0.0)
+    mean, spread = (
+        np.array([[way.slope, way.intercept] for way in (still, crept)]),
+        np.array(
+            [[way.slope_uncertainty, way.intercept_uncertainty] for way in (still, crept)], float
+        ),
+    )
+    weights = np.array([1.0 - chance, chance])
+    values = weights @ mean
+    total = np.sqrt(weights @ (spread**2 + (mean - values) ** 2))
+    return replace(
+        best, slope=float(values[0]), intercept=float(values[1]),
+        slope_noise=still.slope_noise, slope_uncertainty=max(float(known**0.5), still.slope_noise),
+        intercept_uncertainty=float(total[1]),
+        weights=weights[0] * still.weights + weights[1] * crept.weights,
+        slope_creep=float(np.sqrt(max(total[0] ** 2 - max(known, still.slope_noise**2), 0.0))),
+        chance_of_creep=chance, creep=float(creep), creep_uncertainty=float(inverse[2, 2] ** 0.5),
     )  # fmt: skip
 
 
@@ -171,7 +229,7 @@ def uncertainty_budget(
     loads, orders = np.array([(i.load_n, i.order) for i in images]).T
     check_order(loads, orders, [i.file for i in images])
     spread = [max(i.standard_uncertainty, 1e-9) for i in images]
-    line = fit_line(loads, orders, spread if covariance is None else covariance)
+    line = creeping_line(loads, orders, spread if covariance is None else covariance)
     if line.intercept is None and unloaded:
         # <r²> of the order r that may be there at no load under the density
         # exp(-sum (r² - q_i)²/(2 u_i²)), r itself equally likely everywhere before, as its sign is
@@ -215,6 +273,8 @@ def _budget(value: float, line: OrderLine, inputs: Sequence[Input]) -> tuple[Bud
     if line.left_out is not None:
         scatter = np.sqrt(max(line.slope_uncertainty**2 - line.slope_noise**2, 0.0))
         rows.append(Input("scatter across loads", float(scatter), "fringe/N", 1.0 / line.slope))
+    if line.slope_creep:
+        rows.append(Input("creep between images", line.slope_creep, "fringe/N", 1.0 / line.slope))
     rows += inputs
     known = [(i, i.standard_uncertainty) for i in rows if i.standard_uncertainty is not None]
     parts = value * np.array([i.sensitivity * u for i, u in known])
@@ -264,9 +324,15 @@ def _warnings(
     worst = max(images, key=lambda i: i.chi)
     if worst.chi > POOR_CHI:
         yield message("model_does_not_describe", chi=worst.chi, file=worst.file)
+    if line.chance_of_creep > SUSPECTED:
+        yield message(
+            "orders_creep", chance=per_cent(line.chance_of_creep),
+            creep=with_uncertainty(100.0 * line.creep, 100.0 * line.creep_uncertainty),
+            part=per_cent(line.slope_creep / line.slope),
+        )  # fmt: skip
     if line.intercept is None:
         yield message("one_load_only_order")
-    elif abs(r) > max(0.1, 5.0 * u):
+    elif abs(r) > max(NOTICED, 5.0 * u):
         yield (
             message("order_stays_zero_load", intercept=line.intercept, place=CUTS[specimen].place)
             + (message("one_load_wrong_third") if len(images) == 2 else "")
