@@ -42,7 +42,7 @@ from isochrome.calibration.shot import (
 )
 from isochrome.calibration.whole_set import Kind, SetFit, SetModel, alike_fits, best_first, fit_set
 from isochrome.errors import InputError, PhysicsError
-from isochrome.estimation import ALIKE_CHI
+from isochrome.estimation import ALIKE_CHI, GOOD_CHI
 from isochrome.messages import message
 
 Array = NDArray[np.float64]
@@ -215,15 +215,16 @@ def fit_beam(shot: Shot, height_px: float) -> tuple[BeamView, SetFit]:
     if best.explained and (fringes < FEWEST_FRINGES or spread > 0.2 * slope):
         raise PhysicsError("fringes_view_too_few", name=shot.name, seen_px=fringes)
     rivals = [m for m in alike if abs(m.values[0] / slope - 1) > 0.02]
-    if rivals:  # what else a beam may hold leaves one slope where it is the image's
-        names = tuple(best.model.kind.besides)
-        richer = [replace(m.model, free=names) for m in (best, *rivals)]
-        again = [
-            r.fit(m.model.carried(m.values, r))
-            for m, r in zip((best, *rivals), richer, strict=True)
-        ]
-        rivals = [m for m in again[1:] if m.chi < ALIKE_CHI * again[0].chi]
-        rivals = [m for m in rivals if abs(m.values[0] / again[0].values[0] - 1) > 0.02]
+    if rivals:  # of one slope and of what rollers add, where that is all that an image shows
+        wider = replace(best.model, free=(ROLLERS,))
+        rich = [wider.fit(fit.model.carried(fit.values, wider)) for fit in (best, *rivals)]
+        least = min(rich, key=lambda fit: fit.chi)
+        if least.chi < GOOD_CHI:
+            rivals = [
+                m
+                for m in rich
+                if m.chi < ALIKE_CHI * least.chi and abs(m.values[0] / least.values[0] - 1) > 0.02
+            ]
     if rivals:
         raise PhysicsError(
             "two_fringe_slopes_explain", name=shot.name, chi=best.chi, chi_2=rivals[0].chi
@@ -294,7 +295,7 @@ def beam_kind(view: BeamView, width: int) -> Kind:
         },
         order=order, by_besides=by_besides,
         largest=np.array([0.1 / view.height_px, 0.1 * view.height_px, 0.01]),
-        idle=idle, idle_largest=np.ones(1),
+        idle=idle, idle_largest=np.ones(1), alone=MOMENT,
     )  # fmt: skip
 
 

@@ -28,7 +28,7 @@ from isochrome.calibration.whole_set import (
     SetFit,
 )
 from isochrome.errors import InputError, PhysicsError
-from isochrome.estimation import HALF, POOR_CHI, cosine_rms, variance_shares
+from isochrome.estimation import HALF, POOR_CHI, cosine_rms, scaled_inverse, variance_shares
 from isochrome.fitting import CAUSES, NAMED, ORDER, RARE, SUSPECTED
 from isochrome.messages import message
 from isochrome.output import per_cent, with_uncertainty
@@ -82,13 +82,6 @@ def fit_line(loads_n: ArrayLike, orders: ArrayLike, uncertainties: ArrayLike) ->
     line exceeds its 95 % point, and then brings it to the degrees of freedom (Paule & Mandel, J.
     Res. Natl. Bur. Stand. 87, 1982, 377-385). An intercept from two loads on.
     """
-    return _fit_line(loads_n, orders, uncertainties)[0]
-
-
-def _fit_line(
-    loads_n: ArrayLike, orders: ArrayLike, uncertainties: ArrayLike
-) -> tuple[OrderLine, float]:
-    """The line, and ln of its evidence (REML; Patterson & Thompson, Biometrika 58, 1971, 545)."""
     p, n, u = (np.asarray(v, dtype=float) for v in (loads_n, orders, uncertainties))
     v, several = np.diag(u**2) if u.ndim == 1 else u, np.unique(p).size > 1
     design = np.stack([p, np.ones_like(p)]) if several else p[None]
@@ -107,54 +100,59 @@ def _fit_line(
             row[keep] = -design[:, i] @ of_others
         spread = np.sqrt(np.diag(away @ v @ away.T))
         more |= {"left_out": n - away @ n, "left_out_uncertainty": spread}
-    away_all = n - values @ design
-    log = -0.5 * float(away_all @ np.linalg.solve(wide, away_all))
-    log += 0.5 * float(np.linalg.slogdet(covariance)[1] - np.linalg.slogdet(wide)[1])
-    line = OrderLine(
+    return OrderLine(
         slope=float(values[0]), slope_uncertainty=max(spreads[0], noise), slope_noise=noise,
         scatter=scatter, weights=weights[0], **more,
     )  # fmt: skip
-    return line, log
 
 
 def creeping_line(loads_n: ArrayLike, orders: ArrayLike, uncertainties: ArrayLike) -> OrderLine:
     """The line of orders n_j, in the order of their images, that may creep by c j n_j: the slope is
-    the first image's. With creep and without are averaged by their evidence, so that what orders
-    leave open of it is in the uncertainty: of two loads, all.
+    the first image's. Lines with creep and without are averaged by their evidence, so that what
+    the orders leave open of it is in the uncertainty; two loads judge it by what stays at no load,
+    which in most specimens is nothing.
     """
     p, n, u = (np.asarray(v, dtype=float) for v in (loads_n, orders, uncertainties))
     v, turns = np.diag(u**2) if u.ndim == 1 else u, n * np.arange(n.size)
-    ways = [_fit_line(p, n, v + c**2 * np.outer(turns, turns)) for c in (0.0, CREEP)]
-    (still, log), (crept, log_crept) = ways
-    if still.intercept is None or crept.intercept is None:
+    both = [v, v + CREEP**2 * np.outer(turns, turns)]
+    still, crept = (fit_line(p, n, each) for each in both)
+    if still.intercept is None:
         return still
-    odds = np.exp(min(log - log_crept, 700.0)) * (1.0 - RARE) / RARE
-    chance = float(1.0 / (1.0 + odds))
-    wide = v + crept.scatter**2 * np.eye(n.size)
-    design = np.stack([p, np.ones_like(p)])
+    loads, same = p[None], np.eye(n.size)
+    noise = [v + w.scatter**2 * same for v, w in zip(both, (still, crept), strict=True)]
+    stays = (LARGEST_REST * n.max()) ** 2 * np.ones_like(same)
+    logs = np.array([[_evidence(loads, n, v), _evidence(loads, n, v + stays)] for v in noise])
+    chances = np.exp(logs - logs.max()) * np.outer(*2 * [[1.0 - RARE, RARE]])
+    weights = chances.sum(axis=1) / chances.sum()
     # c as one more unknown of the line, with its prior
-    rows = np.concatenate([design, turns[None]])
-    inverse = np.linalg.inv(rows @ np.linalg.solve(wide, rows.T) + np.diag([0, 0, CREEP**-2.0]))
-    creep = (inverse @ rows @ np.linalg.solve(wide, n))[2]
-    best = crept if chance > HALF else still
-    known = max(_solve(design, n, v + best.scatter**2 * np.eye(n.size))[1][0, 0], 0.0)
-    mean, spread = (
-        np.array([[way.slope, way.intercept] for way in (still, crept)]),
-        np.array(
-            [[way.slope_uncertainty, way.intercept_uncertainty] for way in (still, crept)], float
-        ),
-    )
-    weights = np.array([1.0 - chance, chance])
-    values = weights @ mean
-    total = np.sqrt(weights @ (spread**2 + (mean - values) ** 2))
+    rows, wide = np.stack([p, np.ones_like(p), turns]), v + crept.scatter**2 * same
+    unknown = np.diag([0.0, 0.0, CREEP**-2.0]) + rows @ np.linalg.solve(wide, rows.T)
+    covariance = scaled_inverse(unknown)
+    creep = covariance[2] @ rows @ np.linalg.solve(wide, n)
+    known = np.sqrt(_solve(np.stack([p, np.ones_like(p)]), n, wide)[1][0, 0])
+    known = max(known if weights[1] > HALF else still.slope_uncertainty, still.slope_noise)
+    lines = np.array([(w.slope, w.intercept) for w in (still, crept)], dtype=float)
+    spreads = [(w.slope_uncertainty, w.intercept_uncertainty) for w in (still, crept)]
+    means = weights @ lines
+    variances = weights @ (np.array(spreads, dtype=float) ** 2 + (lines - means) ** 2)
     return replace(
-        best, slope=float(values[0]), intercept=float(values[1]),
-        slope_noise=still.slope_noise, slope_uncertainty=max(float(known**0.5), still.slope_noise),
-        intercept_uncertainty=float(total[1]),
+        crept if weights[1] > HALF else still, slope=float(means[0]), intercept=float(means[1]),
+        slope_noise=still.slope_noise, slope_uncertainty=float(known),
+        intercept_uncertainty=float(variances[1] ** 0.5),
         weights=weights[0] * still.weights + weights[1] * crept.weights,
-        slope_creep=float(np.sqrt(max(total[0] ** 2 - max(known, still.slope_noise**2), 0.0))),
-        chance_of_creep=chance, creep=float(creep), creep_uncertainty=float(inverse[2, 2] ** 0.5),
+        slope_creep=float(np.sqrt(max(variances[0] - known**2, 0.0))), creep=float(creep),
+        chance_of_creep=float(weights[1]), creep_uncertainty=float(covariance[2, 2] ** 0.5),
     )  # fmt: skip
+
+
+def _evidence(design: Array, n: Array, v: Array) -> float:
+    """ln of orders' evidence, the values of `design` anything. Source: Patterson & Thompson (1971),
+    Biometrika 58, 545.
+    """
+    values, covariance, _ = _solve(design, n, v)
+    away = n - values @ design
+    logs = np.linalg.slogdet(covariance)[1] - np.linalg.slogdet(v)[1]
+    return 0.5 * float(logs - away @ np.linalg.solve(v, away))
 
 
 def _solve(design: Array, n: Array, v: Array) -> tuple[Array, Array, Array]:

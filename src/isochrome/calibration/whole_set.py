@@ -125,7 +125,8 @@ class Kind:
     images have `besides`, (k,) by name, at rows and columns (n,), px; `by_besides` (k, n), its
     derivatives by those of a name; the `largest` moves (p,) at once. Of an unloaded image `idle`
     gives the unknowns (p,) from the first loaded one's and its own (r,), none below nought.
-    `besides` holds the amplitudes' sizes (k,) on usual benches; none where a set cannot tell them.
+    `besides` holds the amplitudes' sizes (k,) on usual benches, none where a set cannot tell them;
+    of the name `alone` the first may be there without the others.
     """
 
     besides: dict[str, Array]
@@ -134,6 +135,7 @@ class Kind:
     largest: Array
     idle: Callable[[Array, Array], Array]
     idle_largest: Array
+    alone: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -721,10 +723,12 @@ def ask_set(fit: SetFit) -> Weighed:
         sizes, places = model.sizes(name), model.places.get(name, np.arange(0))
         if not len(sizes) or (name == GAMMA and model.shots[0].no_load_light is not None):
             continue  # of a tone the no-load frames would need it too
+        counts = (1, len(sizes)) if name == model.kind.alone else (len(sizes),)
         nuisances.append(
             Nuisance(
                 name=name, columns=partial(point.rows_of, name=name),
-                now=model.value(fit.values, name) - model.middle(name), roots=(np.diag(sizes),),
+                now=model.value(fit.values, name) - model.middle(name),
+                roots=tuple(np.diag(sizes)[:, :k] for k in counts),
                 positive=name in EVEN and name not in model.held, unknowns=tuple(places.tolist()),
                 weights=model.prior[places],
             )
