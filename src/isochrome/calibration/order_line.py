@@ -24,6 +24,7 @@ from isochrome.calibration.whole_set import (
     GREEN_NM,
     LENS,
     PLAIN,
+    SHARED,
     USUAL_SIZES,
     SetFit,
 )
@@ -118,11 +119,13 @@ def creeping_line(loads_n: ArrayLike, orders: ArrayLike, uncertainties: ArrayLik
     still, crept = (fit_line(p, n, each) for each in both)
     if still.intercept is None:
         return still
-    loads, same = p[None], np.eye(n.size)
-    noise = [v + w.scatter**2 * same for v, w in zip(both, (still, crept), strict=True)]
+    loads, same, least = p[None], np.eye(n.size), (1e-6 * n.max()) ** 2
+    scatters = (still.scatter, crept.scatter)
+    noise = [v + (t**2 + least) * same for v, t in zip(both, scatters, strict=True)]
     stays = (LARGEST_REST * n.max()) ** 2 * np.ones_like(same)
     logs = np.array([[_evidence(loads, n, v), _evidence(loads, n, v + stays)] for v in noise])
-    chances = np.exp(logs - logs.max()) * np.outer(*2 * [[1.0 - RARE, RARE]])
+    prior = np.array([1.0 - RARE, RARE])
+    chances = np.exp(logs - logs.max()) * np.outer(prior, prior)
     weights = chances.sum(axis=1) / chances.sum()
     # c as one more unknown of the line, with its prior
     rows, wide = np.stack([p, np.ones_like(p), turns]), v + crept.scatter**2 * same
@@ -425,7 +428,11 @@ def sentences(fit: SetFit, found: Sequence[dict[str, Any]]) -> Iterator[str]:
         yield message("pixels_fit_nothing_dust", per_cent=per_cent(fit.left_out))
     if fit.asked is None:
         return
-    chances = {n: c for n, c in fit.asked.sets.chances.items() if n not in fit.model.fitted}
+    named = {cause["cause"] for cause in found}
+    chances = {
+        n: c for n, c in fit.asked.sets.chances.items()
+        if NAMES.get(n, n) not in named and (n in SHARED or n not in fit.model.fitted)
+    }  # fmt: skip
     if chances.pop(ORDER, 0.0) > NAMED:
         share = cosine_rms(np.r_[0.0, fit.asked.sets.values_of(ORDER)])  # of the orders
         yield message("orders_differ_unexplained", size=100.0 * share)
@@ -451,7 +458,10 @@ def calibration_of(
     load = Input("load", known.load_percent, "%", 0.01)
     thickness = Input("thickness", known.thickness_mm, "mm", 0.0)
     freed, wavelength_nm = list[dict[str, Any]](), given.polariscope.wavelength_nm
+    sure = fit.asked.sets.chances if fit and fit.asked else {}
     for key, (value, spread) in (fit.shared if fit else {}).items():
+        if sure.get(key, 1.0) < NAMED:
+            continue
         name: str | None = key
         if key in EVEN:
             value, spread = float(np.sqrt(value)), 0.5 * spread / float(np.sqrt(value))

@@ -609,21 +609,24 @@ def fit_set(model: SetModel, unknowns: Array) -> SetFit:
     for _ in range(_ROUNDS):
         wanted = frozenset(h.name for h in asked.sets.best) - nothing
         if wanted == fit.model.fitted:
-            break
-        fit = _exposed(_without_outliers(_with(fit, wanted, asked)))
-        # what comes out at its bound, or as no better light, is not there, whatever slopes say
-        nothing |= {key for key in EVEN if fit.shared.get(key, (1.0, 0.0))[0] == 0.0}
-        nothing |= wanted - fit.model.fitted
+            rival, asked = _exchanged(fit, asked, nothing)
+            if rival is fit:
+                break
+            nothing |= fit.model.fitted - rival.model.fitted
+            fit = rival
+        else:
+            fit = _exposed(_without_outliers(_with(fit, wanted, asked)))
+            # what comes out at its bound, or as no better light, is not there, whatever slopes say
+            nothing |= {key for key in EVEN if fit.shared.get(key, (1.0, 0.0))[0] == 0.0}
+            nothing |= wanted - fit.model.fitted
         asked = ask_set(fit)
-    rival = _exchanged(fit, asked, nothing)
-    if rival is not fit:
-        fit, asked = rival, ask_set(rival)
     return replace(fit, left_out=float(1.0 - fit.model.masks.sum() / pixels), asked=asked)
 
 
-def _exchanged(fit: SetFit, asked: Weighed, nothing: frozenset[str]) -> SetFit:
+def _exchanged(fit: SetFit, asked: Weighed, nothing: frozenset[str]) -> tuple[SetFit, Weighed]:
     """The fit, or that of the likeliest set with something else in the place of what it has, where
-    this leaves less: what slopes do not tell apart, as a moment and a keystone, curvature may.
+    this leaves less, and the sets by what both leave: what slopes do not tell apart, as a moment
+    and a keystone, curvature may.
     """
     sets = asked.sets
     for index, weight in enumerate(sets.weights):
@@ -631,8 +634,13 @@ def _exchanged(fit: SetFit, asked: Weighed, nothing: frozenset[str]) -> SetFit:
         gone, come = fit.model.fitted - names, names - fit.model.fitted
         if weight > RARE * sets.weights[0] and gone and come and LIGHT not in gone | come:
             rival = _with(fit, names, asked)
-            return rival if rival.point.cost < fit.point.cost else fit
-    return fit
+            fall = fit.point.cost - rival.point.cost
+            if fall > 0.0:
+                return rival, asked
+            odds = np.log(weight / sets.weights[0]) + 0.5 * fall / max(1.0, fit.chi) ** 2
+            logs = {sets.members[0]: 0.0, sets.members[index]: float(odds)}
+            return fit, replace(asked, judged=sets.judged(logs))
+    return fit, asked
 
 
 def _exposed(fit: SetFit) -> SetFit:
