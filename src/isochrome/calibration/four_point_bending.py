@@ -215,23 +215,22 @@ def fit_beam(shot: Shot, height_px: float) -> tuple[BeamView, SetFit]:
     if best.explained and (fringes < FEWEST_FRINGES or spread > 0.2 * slope):
         raise PhysicsError("fringes_view_too_few", name=shot.name, seen_px=fringes)
     rivals = [m for m in alike if abs(m.values[0] / slope - 1) > 0.02]
-    if rivals:  # of one slope and of what rollers add, where that is all that an image shows
-        wider = replace(best.model, free=(ROLLERS,))
-        rich = [wider.fit(fit.model.carried(fit.values, wider)) for fit in (best, *rivals)]
-        least = min(rich, key=lambda fit: fit.chi)
-        if least.chi < GOOD_CHI:
-            rivals = [
-                m
-                for m in rich
-                if m.chi < ALIKE_CHI * least.chi and abs(m.values[0] / least.values[0] - 1) > 0.02
-            ]
-    if rivals:
+    if rivals and _beside_rollers(best, rivals):
         raise PhysicsError(
             "two_fringe_slopes_explain", name=shot.name, chi=best.chi, chi_2=rivals[0].chi
         )
     if not (best.explained and best.converged):
         raise PhysicsError("fringes_not_those_pure", name=shot.name)
     return view, best
+
+
+def _beside_rollers(best: SetFit, rivals: Sequence[SetFit]) -> bool:
+    """Whether slopes are still alike beside what rollers add, or this is not all that is there."""
+    wider = replace(best.model, free=(ROLLERS,))
+    fits = [wider.fit(fit.model.carried(fit.values, wider)) for fit in (best, *rivals)]
+    least = min(fits, key=lambda fit: fit.chi)
+    alike = [fit.values[0] for fit in fits if fit.chi < ALIKE_CHI * least.chi]
+    return least.chi >= GOOD_CHI or bool(np.ptp(alike) > 0.02 * least.values[0])
 
 
 MOMENT = "a moment that changes along the beam"

@@ -119,7 +119,7 @@ def creeping_line(loads_n: ArrayLike, orders: ArrayLike, uncertainties: ArrayLik
     still, crept = (fit_line(p, n, each) for each in both)
     if still.intercept is None:
         return still
-    loads, same, least = p[None], np.eye(n.size), (1e-6 * n.max()) ** 2
+    loads, same, least = p[None], np.eye(n.size), (1e-7 * n.max()) ** 2
     scatters = (still.scatter, crept.scatter)
     noise = [v + (t**2 + least) * same for v, t in zip(both, scatters, strict=True)]
     stays = (LARGEST_REST * n.max()) ** 2 * np.ones_like(same)

@@ -231,6 +231,11 @@ class SetModel:
         several = len(self.shots) - 1
         return np.repeat([1.0, np.inf], several) if name == EXPOSURES else self.kind.besides[name]
 
+    def roots(self, name: str) -> tuple[Array, ...]:
+        """The ways of their prior: the first alone, of what may be, and all."""
+        every = np.diag(self.sizes(name))
+        return (every[:, :1], every) if name == self.kind.alone else (every,)
+
     def middle(self, name: str) -> Array:
         """What something (k,) is where it is not free."""
         if name in SHARED:
@@ -731,12 +736,11 @@ def ask_set(fit: SetFit) -> Weighed:
         sizes, places = model.sizes(name), model.places.get(name, np.arange(0))
         if not len(sizes) or (name == GAMMA and model.shots[0].no_load_light is not None):
             continue  # of a tone the no-load frames would need it too
-        counts = (1, len(sizes)) if name == model.kind.alone else (len(sizes),)
         nuisances.append(
             Nuisance(
                 name=name, columns=partial(point.rows_of, name=name),
                 now=model.value(fit.values, name) - model.middle(name),
-                roots=tuple(np.diag(sizes)[:, :k] for k in counts),
+                roots=model.roots(name),
                 positive=name in EVEN and name not in model.held, unknowns=tuple(places.tolist()),
                 weights=model.prior[places],
             )
