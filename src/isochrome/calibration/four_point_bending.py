@@ -215,7 +215,7 @@ def fit_beam(shot: Shot, height_px: float) -> tuple[BeamView, SetFit]:
     if best.explained and (fringes < FEWEST_FRINGES or spread > 0.2 * slope):
         raise PhysicsError("fringes_view_too_few", name=shot.name, seen_px=fringes)
     rivals = [m for m in alike if abs(m.values[0] / slope - 1) > 0.02]
-    if rivals and _beside_rollers(best, rivals):
+    if _are_alike(best, rivals):
         raise PhysicsError(
             "two_fringe_slopes_explain", name=shot.name, chi=best.chi, chi_2=rivals[0].chi
         )
@@ -224,8 +224,10 @@ def fit_beam(shot: Shot, height_px: float) -> tuple[BeamView, SetFit]:
     return view, best
 
 
-def _beside_rollers(best: SetFit, rivals: Sequence[SetFit]) -> bool:
-    """Whether slopes are still alike beside what rollers add, or this is not all that is there."""
+def _are_alike(best: SetFit, rivals: Sequence[SetFit]) -> bool:
+    """Whether there are rivals beside what rollers add, or where this is not all that is there."""
+    if not rivals:
+        return False
     wider = replace(best.model, free=(ROLLERS,))
     fits = [wider.fit(fit.model.carried(fit.values, wider)) for fit in (best, *rivals)]
     least = min(fits, key=lambda fit: fit.chi)

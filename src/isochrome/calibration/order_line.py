@@ -306,6 +306,16 @@ def _check_line(images: Sequence[ImageFit], line: OrderLine) -> None:
         )  # fmt: skip
 
 
+def _creep(line: OrderLine) -> Iterator[str]:
+    """What is said of a fringe value that changes between the images."""
+    if line.chance_of_creep > SUSPECTED:
+        yield message(
+            "orders_creep", chance=per_cent(line.chance_of_creep),
+            creep=with_uncertainty(100.0 * line.creep, 100.0 * line.creep_uncertainty),
+            part=per_cent(line.slope_creep / line.slope),
+        )  # fmt: skip
+
+
 def _warnings(
     images: Sequence[ImageFit],
     line: OrderLine,
@@ -325,12 +335,7 @@ def _warnings(
     worst = max(images, key=lambda i: i.chi)
     if worst.chi > POOR_CHI:
         yield message("model_does_not_describe", chi=worst.chi, file=worst.file)
-    if line.chance_of_creep > SUSPECTED:
-        yield message(
-            "orders_creep", chance=per_cent(line.chance_of_creep),
-            creep=with_uncertainty(100.0 * line.creep, 100.0 * line.creep_uncertainty),
-            part=per_cent(line.slope_creep / line.slope),
-        )  # fmt: skip
+    yield from _creep(line)
     if line.intercept is None:
         yield message("one_load_only_order")
     elif abs(r) > max(NOTICED, 5.0 * u):
