@@ -121,13 +121,11 @@ class SetImage:
 
 @dataclass(frozen=True, kw_only=True)
 class Kind:
-    """A specimen. Its `order` (n,) for an image's unknowns (p,) and the amplitudes of what all
-    images have `besides`, (k,) by name, at rows and columns (n,), px; `by_besides` (k, n), its
-    derivatives by those of a name; the `largest` moves (p,) at once. Of an unloaded image `idle`
-    gives the unknowns (p,) from the first loaded one's and its own (r,), none below nought.
-    `besides` holds the amplitudes' sizes (k,) on usual benches, none where a set cannot tell them;
-    of the name `alone` the first may be there without the others.
-    """
+    """A specimen. Its `order` (n,) for an image's unknowns (p,) and amplitudes (k,) by name, of
+    what all images have `besides`, of such sizes on usual benches (none: not told), at rows and
+    columns (n,), px; `by_besides` (k, n), its derivatives by those of a name; the `largest` moves
+    (p,) at once. Of an unloaded image `idle` gives the unknowns (p,) from the first one's and its
+    own (r,), none below nought. Of the name `alone` the first may be there without the others."""
 
     besides: dict[str, Array]
     order: Callable[[Array, dict[str, Array], Array, Array], Array]
