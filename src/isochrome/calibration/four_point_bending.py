@@ -488,4 +488,5 @@ def bending_from_shots(shots: Sequence[Shot], given: CalibrationSet) -> Calibrat
     return calibration_of(
         "beam", images, 1.5 * arm / beam.height_mm**2, inputs, given,
         fit=set_fit, covariance=covariance, unloaded=unloaded, messages=messages,
+        turns=[i for i, shot in enumerate(shots) if shot.load_n],
     )  # fmt: skip

@@ -107,14 +107,19 @@ def fit_line(loads_n: ArrayLike, orders: ArrayLike, uncertainties: ArrayLike) ->
     )  # fmt: skip
 
 
-def creeping_line(loads_n: ArrayLike, orders: ArrayLike, uncertainties: ArrayLike) -> OrderLine:
-    """The line of orders n_j, in the order of their images, that may creep by c j n_j: the slope is
+def creeping_line(
+    loads_n: ArrayLike, orders: ArrayLike, uncertainties: ArrayLike, turns: ArrayLike | None = None
+) -> OrderLine:
+    """The line of orders n_j, of a set's images number j = `turns`, that may creep by c j n_j: the slope is
     the first image's. Lines with creep and without are averaged by their evidence, so that what
     the orders leave open of it is in the uncertainty; two loads judge it by what stays at no load,
     which in most specimens is nothing.
     """
     p, n, u = (np.asarray(v, dtype=float) for v in (loads_n, orders, uncertainties))
-    v, turns = np.diag(u**2) if u.ndim == 1 else u, n * np.arange(n.size)
+    v, turns = (
+        np.diag(u**2) if u.ndim == 1 else u,
+        n * np.asarray(np.arange(n.size) if turns is None else turns),
+    )
     both = [v, v + CREEP**2 * np.outer(turns, turns)]
     still, crept = (fit_line(p, n, each) for each in both)
     if still.intercept is None:
@@ -223,6 +228,7 @@ def uncertainty_budget(
     covariance: Array | None = None,
     unloaded: Sequence[ResidualOrder] = (),
     messages: Sequence[str] = (),
+    turns: Sequence[int] | None = None,
 ) -> Calibration:
     """Regress the orders against the loads and carry the slope k to f_sigma = factor / k.
     PhysicsError where the orders contradict the loads.
@@ -230,7 +236,7 @@ def uncertainty_budget(
     loads, orders = np.array([(i.load_n, i.order) for i in images]).T
     check_order(loads, orders, [i.file for i in images])
     spread = [max(i.standard_uncertainty, 1e-9) for i in images]
-    line = creeping_line(loads, orders, spread if covariance is None else covariance)
+    line = creeping_line(loads, orders, spread if covariance is None else covariance, turns)
     if line.intercept is None and unloaded:
         # <r²> of the order r that may be there at no load under the density
         # exp(-sum (r² - q_i)²/(2 u_i²)), r itself equally likely everywhere before, as its sign is
