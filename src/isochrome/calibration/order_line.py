@@ -118,7 +118,7 @@ def creeping_line(
     p, n, u = (np.asarray(v, dtype=float) for v in (loads_n, orders, uncertainties))
     v, turns = (
         np.diag(u**2) if u.ndim == 1 else u,
-        n * np.asarray(np.arange(n.size) if turns is None else turns),
+        n * np.array(range(n.size) if turns is None else turns, dtype=float),
     )
     both = [v, v + CREEP**2 * np.outer(turns, turns)]
     still, crept = (fit_line(p, n, each) for each in both)
