@@ -110,8 +110,8 @@ def fit_line(loads_n: ArrayLike, orders: ArrayLike, uncertainties: ArrayLike) ->
 def creeping_line(
     loads_n: ArrayLike, orders: ArrayLike, uncertainties: ArrayLike, turns: ArrayLike | None = None
 ) -> OrderLine:
-    """The line of orders n_j, of a set's images number j = `turns`, that may creep by c j n_j: the slope is
-    the first image's. Lines with creep and without are averaged by their evidence, so that what
+    """Of orders n_j of images number j, `turns`, that may creep by j c n_j, the slope is that of
+    the first image. Lines with creep and without are averaged by their evidence, so that what
     the orders leave open of it is in the uncertainty; two loads judge it by what stays at no load,
     which in most specimens is nothing.
     """
