@@ -116,11 +116,9 @@ def creeping_line(
     which in most specimens is nothing.
     """
     p, n, u = (np.asarray(v, dtype=float) for v in (loads_n, orders, uncertainties))
-    v, turns = (
-        np.diag(u**2) if u.ndim == 1 else u,
-        n * np.array(range(n.size) if turns is None else turns, dtype=float),
-    )
-    both = [v, v + CREEP**2 * np.outer(turns, turns)]
+    v = np.diag(u**2) if u.ndim == 1 else u
+    late: Array = n * np.asarray(range(n.size) if turns is None else turns, dtype=float)
+    both = [v, v + CREEP**2 * np.outer(late, late)]
     still, crept = (fit_line(p, n, each) for each in both)
     if still.intercept is None:
         return still
@@ -133,7 +131,7 @@ def creeping_line(
     chances = np.exp(logs - logs.max()) * np.outer(prior, prior)
     weights = chances.sum(axis=1) / chances.sum()
     # c as one more unknown of the line, with its prior
-    rows, wide = np.stack([p, np.ones_like(p), turns]), v + crept.scatter**2 * same
+    rows, wide = np.stack([p, np.ones_like(p), late]), v + crept.scatter**2 * same
     unknown = np.diag([0.0, 0.0, CREEP**-2.0]) + rows @ np.linalg.solve(wide, rows.T)
     covariance = scaled_inverse(unknown)
     creep = covariance[2] @ rows @ np.linalg.solve(wide, n)
