@@ -14,6 +14,7 @@ from . import (
     case_memory,
     case_plan,
     case_pressure,
+    case_rigs,
     case_stress,
     case_tolerance,
     case_track,
@@ -47,5 +48,6 @@ SUITES = {"speed": Suite(lambda: CASES, "bench", report.table, report.figure)} |
         "fringes": case_fringes, "fit": case_fit, "defects": case_defects,
         "contacts": case_contacts, "benches": case_benches, "inputs": case_inputs,
         "track": case_track, "memory": case_memory, "tolerance": case_tolerance, "plan": case_plan,
+        "rigs": case_rigs,
     }.items()
 }  # fmt: skip

@@ -168,6 +168,29 @@ class BenchRow(DefectRow):
 
 
 @dataclass(frozen=True)
+class RigRow:
+    """One set of images of a beam on a rig: its `facts` by name and the number of `images`; error
+    of the fringe value (`percent`), its standard uncertainty (`spread`) and their ratio (`pull`);
+    what was `found`, whether every fact is `named`, whether a `false_lens` is; `refused`, why there
+    is no value.
+    """
+
+    kind: str
+    seed: int
+    facts: str
+    images: int = 0
+    percent: float = _NAN
+    spread: float = _NAN
+    pull: float = _NAN
+    named: bool = False
+    false_lens: bool = False
+    found: str = ""
+    chi: float = _NAN
+    seconds: float = _NAN
+    refused: str = ""
+
+
+@dataclass(frozen=True)
 class InputRow:
     """One frame whose stated inputs are off by chance.
 

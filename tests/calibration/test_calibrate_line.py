@@ -133,7 +133,11 @@ def test_repeated_images_scatter_through_the_front_door(off_the_line):
     total = off_the_line.standard_uncertainty
     # the held-out loads ask for some more: the lowest is 3 times its uncertainty off the others
     more = parts["held-out loads"].contribution_n_per_mm
-    assert total == pytest.approx(math.sqrt(found**2 + noise**2 + more**2), rel=1e-3)
+    # and such scatter leaves some creep between images open
+    creep = parts["creep between images"].contribution_n_per_mm
+    parts_of_it = math.sqrt(found**2 + noise**2 + more**2 + creep**2)
+    assert total == pytest.approx(parts_of_it, rel=1e-3)
+    assert creep < 0.3 * found
     assert more < found
     assert parts["scatter across loads"].share == pytest.approx((found / total) ** 2, rel=1e-9)
     assert abs(off_the_line.fringe_value_n_per_mm - F_SIGMA) < 4.0 * noise

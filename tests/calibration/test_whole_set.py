@@ -61,7 +61,11 @@ def test_the_gradient_is_the_differences_of_the_cost(made):
         slope = (costs[0] - costs[1]) / (4.0 * step[i])
         # beside tens of standard uncertainties one-sided differences are off by a part of one; what
         # a kind has besides leaves out how its slope blurs, some more where fringes are fine
-        rel, near = (5e-2, 2.0) if i in model.places[model.kind.besides] else (2e-2, 0.5)
+        rel, near = (
+            (5e-2, 2.0)
+            if i in np.concatenate([model.places[name] for name in model.kind.besides])
+            else (2e-2, 0.5)
+        )
         assert slope == pytest.approx(found[i], rel=rel, abs=near * steps[i])
 
 

@@ -24,19 +24,20 @@ from isochrome.calibration.whole_set import (
     GREEN_NM,
     LENS,
     PLAIN,
+    SHARED,
     USUAL_SIZES,
     SetFit,
 )
 from isochrome.errors import InputError, PhysicsError
-from isochrome.estimation import POOR_CHI, cosine_rms, variance_shares
-from isochrome.fitting import CAUSES, NAMED, ORDER, SUSPECTED
+from isochrome.estimation import HALF, POOR_CHI, cosine_rms, scaled_inverse, variance_shares
+from isochrome.fitting import CAUSES, NAMED, ORDER, RARE, SUSPECTED
 from isochrome.messages import message
 from isochrome.output import per_cent, with_uncertainty
 
 Array = NDArray[np.float64]
 
 NOTICED = 0.05
-"""Fringes at the least that such a contradiction is worth a sentence."""
+"""Fringes at the least that stay at no load, or contradict it, that are worth a sentence."""
 
 LINE_MISFIT = 0.12
 """Distance of an order from the other loads' line, in orders' range, that is refused."""
@@ -45,6 +46,9 @@ LARGEST_REST = 0.25
 
 PLAUSIBLE_N_PER_MM = (0.03, 2000.0)
 """From gelatine to glass, with room on both sides."""
+
+CREEP = 0.003
+"""Relative change of a fringe value from one image to the next, of polymers under steady load."""
 
 EDGE_PX = 0.5
 """What an edge, or a rim, itself is uncertain by: a bevel, the light that it scatters, and how a
@@ -67,6 +71,10 @@ class OrderLine:
     left_out: Array | None = None  # each order by the other loads; None below three
     left_out_uncertainty: Array | None = None  # of the difference
     weights: Array  # d slope / d order, 1/N
+    slope_creep: float = 0.0  # the slope's uncertainty by creep between images
+    chance_of_creep: float = 0.0
+    creep: float = 0.0  # relative change of the orders from one image to the next, if there is
+    creep_uncertainty: float = 0.0
 
 
 def fit_line(loads_n: ArrayLike, orders: ArrayLike, uncertainties: ArrayLike) -> OrderLine:
@@ -97,6 +105,60 @@ def fit_line(loads_n: ArrayLike, orders: ArrayLike, uncertainties: ArrayLike) ->
         slope=float(values[0]), slope_uncertainty=max(spreads[0], noise), slope_noise=noise,
         scatter=scatter, weights=weights[0], **more,
     )  # fmt: skip
+
+
+def creeping_line(
+    loads_n: ArrayLike, orders: ArrayLike, uncertainties: ArrayLike, turns: ArrayLike | None = None
+) -> OrderLine:
+    """Of orders n_j of images number j, `turns`, that may creep by j c n_j, the slope is that of
+    the first image. Lines with creep and without are averaged by their evidence, so that what
+    the orders leave open of it is in the uncertainty; two loads judge it by what stays at no load,
+    which in most specimens is nothing.
+    """
+    p, n, u = (np.asarray(v, dtype=float) for v in (loads_n, orders, uncertainties))
+    v = np.diag(u**2) if u.ndim == 1 else u
+    late: Array = n * np.asarray(range(n.size) if turns is None else turns, dtype=float)
+    both = [v, v + CREEP**2 * np.outer(late, late)]
+    still, crept = (fit_line(p, n, each) for each in both)
+    if still.intercept is None:
+        return still
+    loads, same, least = p[None], np.eye(n.size), (1e-7 * n.max()) ** 2
+    scatters = (still.scatter, crept.scatter)
+    noise = [v + (t**2 + least) * same for v, t in zip(both, scatters, strict=True)]
+    stays = (LARGEST_REST * n.max()) ** 2 * np.ones_like(same)
+    logs = np.array([[_evidence(loads, n, v), _evidence(loads, n, v + stays)] for v in noise])
+    prior = np.array([1.0 - RARE, RARE])
+    chances = np.exp(logs - logs.max()) * np.outer(prior, prior)
+    weights = chances.sum(axis=1) / chances.sum()
+    # c as one more unknown of the line, with its prior
+    rows, wide = np.stack([p, np.ones_like(p), late]), v + crept.scatter**2 * same
+    unknown = np.diag([0.0, 0.0, CREEP**-2.0]) + rows @ np.linalg.solve(wide, rows.T)
+    covariance = scaled_inverse(unknown)
+    creep = covariance[2] @ rows @ np.linalg.solve(wide, n)
+    known = np.sqrt(_solve(np.stack([p, np.ones_like(p)]), n, wide)[1][0, 0])
+    known = max(known if weights[1] > HALF else still.slope_uncertainty, still.slope_noise)
+    lines = np.array([(w.slope, w.intercept) for w in (still, crept)], dtype=float)
+    spreads = [(w.slope_uncertainty, w.intercept_uncertainty) for w in (still, crept)]
+    means = weights @ lines
+    variances = weights @ (np.array(spreads, dtype=float) ** 2 + (lines - means) ** 2)
+    return replace(
+        crept if weights[1] > HALF else still, slope=float(means[0]), intercept=float(means[1]),
+        slope_noise=still.slope_noise, slope_uncertainty=float(known),
+        intercept_uncertainty=float(variances[1] ** 0.5),
+        weights=weights[0] * still.weights + weights[1] * crept.weights,
+        slope_creep=float(np.sqrt(max(variances[0] - known**2, 0.0))), creep=float(creep),
+        chance_of_creep=float(weights[1]), creep_uncertainty=float(covariance[2, 2] ** 0.5),
+    )  # fmt: skip
+
+
+def _evidence(design: Array, n: Array, v: Array) -> float:
+    """ln of orders' evidence, the values of `design` anything. Source: Patterson & Thompson (1971),
+    Biometrika 58, 545.
+    """
+    values, covariance, _ = _solve(design, n, v)
+    away = n - values @ design
+    logs = np.linalg.slogdet(covariance)[1] - np.linalg.slogdet(v)[1]
+    return 0.5 * float(logs - away @ np.linalg.solve(v, away))
 
 
 def _solve(design: Array, n: Array, v: Array) -> tuple[Array, Array, Array]:
@@ -164,6 +226,7 @@ def uncertainty_budget(
     covariance: Array | None = None,
     unloaded: Sequence[ResidualOrder] = (),
     messages: Sequence[str] = (),
+    turns: Sequence[int] | None = None,
 ) -> Calibration:
     """Regress the orders against the loads and carry the slope k to f_sigma = factor / k.
     PhysicsError where the orders contradict the loads.
@@ -171,7 +234,7 @@ def uncertainty_budget(
     loads, orders = np.array([(i.load_n, i.order) for i in images]).T
     check_order(loads, orders, [i.file for i in images])
     spread = [max(i.standard_uncertainty, 1e-9) for i in images]
-    line = fit_line(loads, orders, spread if covariance is None else covariance)
+    line = creeping_line(loads, orders, spread if covariance is None else covariance, turns)
     if line.intercept is None and unloaded:
         # <r²> of the order r that may be there at no load under the density
         # exp(-sum (r² - q_i)²/(2 u_i²)), r itself equally likely everywhere before, as its sign is
@@ -215,6 +278,8 @@ def _budget(value: float, line: OrderLine, inputs: Sequence[Input]) -> tuple[Bud
     if line.left_out is not None:
         scatter = np.sqrt(max(line.slope_uncertainty**2 - line.slope_noise**2, 0.0))
         rows.append(Input("scatter across loads", float(scatter), "fringe/N", 1.0 / line.slope))
+    if line.slope_creep:
+        rows.append(Input("creep between images", line.slope_creep, "fringe/N", 1.0 / line.slope))
     rows += inputs
     known = [(i, i.standard_uncertainty) for i in rows if i.standard_uncertainty is not None]
     parts = value * np.array([i.sensitivity * u for i, u in known])
@@ -245,6 +310,16 @@ def _check_line(images: Sequence[ImageFit], line: OrderLine) -> None:
         )  # fmt: skip
 
 
+def _creep(line: OrderLine) -> Iterator[str]:
+    """What is said of a fringe value that changes between the images."""
+    if line.chance_of_creep > SUSPECTED:
+        yield message(
+            "orders_creep", chance=per_cent(line.chance_of_creep),
+            creep=with_uncertainty(100.0 * line.creep, 100.0 * line.creep_uncertainty),
+            part=per_cent(line.slope_creep / line.slope),
+        )  # fmt: skip
+
+
 def _warnings(
     images: Sequence[ImageFit],
     line: OrderLine,
@@ -264,9 +339,10 @@ def _warnings(
     worst = max(images, key=lambda i: i.chi)
     if worst.chi > POOR_CHI:
         yield message("model_does_not_describe", chi=worst.chi, file=worst.file)
+    yield from _creep(line)
     if line.intercept is None:
         yield message("one_load_only_order")
-    elif abs(r) > max(0.1, 5.0 * u):
+    elif abs(r) > max(NOTICED, 5.0 * u):
         yield (
             message("order_stays_zero_load", intercept=line.intercept, place=CUTS[specimen].place)
             + (message("one_load_wrong_third") if len(images) == 2 else "")
@@ -361,7 +437,11 @@ def sentences(fit: SetFit, found: Sequence[dict[str, Any]]) -> Iterator[str]:
         yield message("pixels_fit_nothing_dust", per_cent=per_cent(fit.left_out))
     if fit.asked is None:
         return
-    chances = {n: c for n, c in fit.asked.sets.chances.items() if n not in fit.model.fitted}
+    named = {cause["cause"] for cause in found}
+    chances = {
+        n: c for n, c in fit.asked.sets.chances.items()
+        if NAMES.get(n, n) not in named and (n in SHARED or n not in fit.model.fitted)
+    }  # fmt: skip
     if chances.pop(ORDER, 0.0) > NAMED:
         share = cosine_rms(np.r_[0.0, fit.asked.sets.values_of(ORDER)])  # of the orders
         yield message("orders_differ_unexplained", size=100.0 * share)
@@ -387,7 +467,10 @@ def calibration_of(
     load = Input("load", known.load_percent, "%", 0.01)
     thickness = Input("thickness", known.thickness_mm, "mm", 0.0)
     freed, wavelength_nm = list[dict[str, Any]](), given.polariscope.wavelength_nm
+    sure = fit.asked.sets.chances if fit and fit.asked else {}
     for key, (value, spread) in (fit.shared if fit else {}).items():
+        if sure.get(key, 1.0) < NAMED:
+            continue
         name: str | None = key
         if key in EVEN:
             value, spread = float(np.sqrt(value)), 0.5 * spread / float(np.sqrt(value))

@@ -121,19 +121,19 @@ class SetImage:
 
 @dataclass(frozen=True, kw_only=True)
 class Kind:
-    """A specimen. Its `order` (n,) for an image's unknowns (p,) and the amplitudes (k,) of what all
-    images have `besides`, at rows and columns (n,), px; `by_besides` (k, n), its derivatives by
-    these, of `sizes` (k,) on usual benches; the `largest` moves (p,) at once. Of an unloaded image
-    `idle` gives the unknowns (p,) from the first loaded one's and its own (r,), none below nought.
-    """
+    """A specimen. Its `order` (n,) for an image's unknowns (p,) and amplitudes (k,) by name, of
+    what all images have `besides`, of such sizes on usual benches (none: not told), at rows and
+    columns (n,), px; `by_besides` (k, n), its derivatives by those of a name; the `largest` moves
+    (p,) at once. Of an unloaded image `idle` gives the unknowns (p,) from the first one's and its
+    own (r,), none below nought. Of the name `alone` the first may be there without the others."""
 
-    besides: str
-    order: Callable[[Array, Array, Array, Array], Array]
-    by_besides: Callable[[Array, Array, Array, Array], Array]
-    sizes: Array
+    besides: dict[str, Array]
+    order: Callable[[Array, dict[str, Array], Array, Array], Array]
+    by_besides: Callable[[str, Array, dict[str, Array], Array, Array], Array]
     largest: Array
     idle: Callable[[Array, Array], Array]
     idle_largest: Array
+    alone: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -227,13 +227,22 @@ class SetModel:
         if name in SHARED:
             return np.array([SHARED_SIZES[name]])
         several = len(self.shots) - 1
-        return np.repeat([1.0, np.inf], several) if name == EXPOSURES else self.kind.sizes
+        return np.repeat([1.0, np.inf], several) if name == EXPOSURES else self.kind.besides[name]
+
+    def roots(self, name: str) -> tuple[Array, ...]:
+        """The ways of their prior: the first alone, of what may be, and all."""
+        every = np.diag(self.sizes(name))
+        return (every[:, :1], every) if name == self.kind.alone else (every,)
 
     def middle(self, name: str) -> Array:
         """What something (k,) is where it is not free."""
         if name in SHARED:
             return np.array([self.held.get(name, float(name == GAMMA))])
         return np.zeros(len(self.sizes(name)))
+
+    def besides(self, values: Array) -> dict[str, Array]:
+        """What the kind has besides that is not nought (k,), by name."""
+        return {name: values[self.places[name]] for name in self.free if name in self.kind.besides}
 
     def value(self, values: Array, name: str) -> Array:
         """What it is (k,) at some unknowns."""
@@ -272,7 +281,7 @@ class SetModel:
 
     def orders(self, index: int, values: Array, shared: dict[str, float]) -> tuple[Array, ...]:
         """An image's order (n,), and its differences to the pixels below, above, right and left."""
-        unknowns, besides = self.unknowns_of(index, values), self.value(values, self.kind.besides)
+        unknowns, besides = self.unknowns_of(index, values), self.besides(values)
         rows, cols = self.looked_at(index, shared)
         here = self.kind.order(unknowns, besides, rows, cols)
         beside = (
@@ -454,10 +463,10 @@ class SetPoint:
             rows = np.zeros((2, len(model.shots), gain.size))
             rows[:, index] = self.modelled(index), self.weight(index)
             return rows[:, 1:].reshape(-1, gain.size)
-        if name == model.kind.besides:
-            unknowns = model.unknowns_of(index, self.values)
-            besides = model.value(self.values, name)
-            by = model.kind.by_besides(unknowns, besides, *model.looked_at(index, self.shared))
+        if name in model.kind.besides:
+            unknowns, besides = model.unknowns_of(index, self.values), model.besides(self.values)
+            at = model.looked_at(index, self.shared)
+            by = model.kind.by_besides(name, unknowns, besides, *at)
             return np.asarray(by * self.by_order(index)[1])
         step = STEP * SHARED_SIZES[name]
         moved = self.shared | {name: self.shared[name] + step}
@@ -603,13 +612,38 @@ def fit_set(model: SetModel, unknowns: Array) -> SetFit:
     for _ in range(_ROUNDS):
         wanted = frozenset(h.name for h in asked.sets.best) - nothing
         if wanted == fit.model.fitted:
-            break
-        fit = _exposed(_without_outliers(_with(fit, wanted, asked)))
-        # what comes out at its bound, or as no better light, is not there, whatever slopes say
-        nothing |= {key for key in EVEN if fit.shared.get(key, (1.0, 0.0))[0] == 0.0}
-        nothing |= wanted - fit.model.fitted
+            rival, asked = _exchanged(fit, asked, nothing)
+            if rival is fit:
+                break
+            nothing |= fit.model.fitted - rival.model.fitted
+            fit = rival
+        else:
+            fit = _exposed(_without_outliers(_with(fit, wanted, asked)))
+            # what comes out at its bound, or as no better light, is not there, whatever slopes say
+            nothing |= {key for key in EVEN if fit.shared.get(key, (1.0, 0.0))[0] == 0.0}
+            nothing |= wanted - fit.model.fitted
         asked = ask_set(fit)
     return replace(fit, left_out=float(1.0 - fit.model.masks.sum() / pixels), asked=asked)
+
+
+def _exchanged(fit: SetFit, asked: Weighed, nothing: frozenset[str]) -> tuple[SetFit, Weighed]:
+    """The fit, or that of the likeliest set with something else in the place of what it has, where
+    this leaves less, and the sets by what both leave: what slopes do not tell apart, as a moment
+    and a keystone, curvature may.
+    """
+    sets = asked.sets
+    for index, weight in enumerate(sets.weights):
+        names = frozenset(h.name for h in sets.named(index)) - nothing
+        gone, come = fit.model.fitted - names, names - fit.model.fitted
+        if weight > RARE * sets.weights[0] and gone and come and LIGHT not in gone | come:
+            rival = _with(fit, names, asked)
+            fall = fit.point.cost - rival.point.cost
+            if fall > 0.0:
+                return rival, asked
+            odds = np.log(weight / sets.weights[0]) + 0.5 * fall / max(1.0, fit.chi) ** 2
+            logs = {sets.members[0]: 0.0, sets.members[index]: float(odds)}
+            return fit, replace(asked, judged=sets.judged(logs))
+    return fit, asked
 
 
 def _exposed(fit: SetFit) -> SetFit:
@@ -646,7 +680,7 @@ def _with(fit: SetFit, names: frozenset[str], asked: Weighed) -> SetFit:
         ways = [h for h in asked.evidence.hypotheses if h.name == LIGHT]
         (way,) = (k for k, h in enumerate(ways) if any(h is best for best in asked.sets.best))
         uneven = _lights(fit)[way]._replace(degrees=_RICHEST)
-    free = tuple(name for name in (*SHARED, model.kind.besides) if name in names)
+    free = tuple(name for name in (*SHARED, *model.kind.besides) if name in names)
     wider = replace(model, free=free, uneven=uneven)
     result = wider.fit(model.carried(fit.values, wider)).levelled()
     if GAMMA in free:  # a tone is linear about the light only
@@ -696,14 +730,15 @@ def _without_outliers(fit: SetFit) -> SetFit:
 def ask_set(fit: SetFit) -> Weighed:
     """Weigh all that a set of images may show about a fit."""
     model, point, nuisances = fit.model, fit.point, list[Nuisance]()
-    for name in (*SHARED, model.kind.besides):
+    for name in (*SHARED, *model.kind.besides):
         sizes, places = model.sizes(name), model.places.get(name, np.arange(0))
         if not len(sizes) or (name == GAMMA and model.shots[0].no_load_light is not None):
             continue  # of a tone the no-load frames would need it too
         nuisances.append(
             Nuisance(
                 name=name, columns=partial(point.rows_of, name=name),
-                now=model.value(fit.values, name) - model.middle(name), roots=(np.diag(sizes),),
+                now=model.value(fit.values, name) - model.middle(name),
+                roots=model.roots(name),
                 positive=name in EVEN and name not in model.held, unknowns=tuple(places.tolist()),
                 weights=model.prior[places],
             )

@@ -137,7 +137,7 @@ def _fit_levels(residual: np.ndarray, level: np.ndarray) -> tuple[float, float]:
     if len(edges) < 3:
         return _clipped_variance(residual)[0], 0.0
     index = np.clip(np.searchsorted(edges, level, side="right") - 1, 0, len(edges) - 2)
-    members = [index == i for i in range(len(edges) - 1)]
+    members = [index == i for i in np.unique(index)]  # edges may differ by a rounding alone
     x = np.array([level[one].mean() for one in members])
     y, n = np.array([_clipped_variance(residual[one]) for one in members]).T
     if not y.any():  # a computed frame: no noise at all

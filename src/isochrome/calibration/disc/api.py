@@ -169,7 +169,7 @@ def fit_disc_set(images: Sequence[Shot], unknowns: Array, held: dict[str, float]
     may have moved all single fits by a part of a fringe, but hardly their slope.
     """
     fit = fit_set(disc_model(images, unknowns, held), unknowns)
-    if not len(fit.model.kind.sizes) or (fit.explained and fit.chi < ALIKE_CHI):
+    if not len(fit.model.kind.besides[RESIDUAL]) or (fit.explained and fit.chi < ALIKE_CHI):
         return fit
     loads = np.array([shot.load_n for shot in images[: len(unknowns)]])
     begun, points = unknowns.copy(), list[SetPoint]()
@@ -211,16 +211,20 @@ def disc_model(
         for shot, place in zip_longest(images, unknowns, fillvalue=unknowns[0])
     ]
 
-    def order(unknowns: Array, besides: Array, rows: Array, cols: Array) -> Array:
-        if besides.any():
-            return np.abs(total_order(unknowns, besides, rows, cols))
+    def order(unknowns: Array, besides: dict[str, Array], rows: Array, cols: Array) -> Array:
+        if RESIDUAL in besides and besides[RESIDUAL].any():
+            return np.abs(total_order(unknowns, besides[RESIDUAL], rows, cols))
         return disc_order(unknowns, rows, cols)
+
+    def by_besides(
+        name: str, unknowns: Array, besides: dict[str, Array], rows: Array, cols: Array
+    ) -> Array:
+        return by_residual(unknowns, besides.get(name, np.zeros(len(SIZES))), rows, cols)
 
     # one load, or two, cannot tell a residual stress from the loads'
     several = len({shot.load_n for shot in images}) >= RESIDUAL_LOADS
     kind = Kind(
-        besides=RESIDUAL, order=order, by_besides=by_residual,
-        sizes=SIZES if several else SIZES[:0],
+        besides={RESIDUAL: SIZES if several else SIZES[:0]}, order=order, by_besides=by_besides,
         largest=np.array([MOST_FRINGES, *[MOST_RADII * radius] * 3, MOST_RADII]),
         idle=lambda first, _: np.concatenate([[0.0], first[1:]]), idle_largest=np.zeros(0),
     )  # fmt: skip
