@@ -278,17 +278,7 @@ class FrameBlocks:
         if key == FRINGE_VALUE:
             return self._turned(self._fields[0] / np.float32(-value))
         if key in _SOLVED:
-            # what the contact would be with another modulus, or the scar under another friction
-            # a logarithm has no slope at nought
-            part = 1.0 if key == ROUGHNESS and not value else _PART
-            wider: dict[str, Any] = {"numerics.window_mm": None} if key == ROUGHNESS else {}
-            if key in BETWEEN and self.scene.wear is not None:  # which costs most, and few digits
-                part, tolerance = max(part, 10.0 * _PART), self.scene.numerics.tolerance
-                wider["numerics.tolerance"] = min(10.0 * tolerance, _PART)
-            step = part * _SOLVED[key] * (value if key == YOUNG else 1.0)
-            there = self.scene.with_values({key: value + step, **wider})
-            field = self._renderer.whole(there, self._renderer.field_alone(there))
-            return self._turned((np.nan_to_num(self.thin(field)) - self._fields[0]) / step)
+            return self._solved(key, value)
         # by the picture's slope, and where the pixels look then: lens, scale and place
         step = STEP * (value if key == PIXEL else 60.0 if key == LENS[0] else 1.0)
         before, after = (
@@ -297,6 +287,19 @@ class FrameBlocks:
         down, across = self._slopes
         change = across * (after[0] - before[0]) + down * (after[1] - before[1])
         return np.asarray(change * self._gain / (self.scene.get(PIXEL) * step))
+
+    def _solved(self, key: str, value: float) -> Array:
+        """What the contact would be with another modulus, or the scar under another friction."""
+        # a logarithm has no slope at nought
+        part = 1.0 if key == ROUGHNESS and not value else _PART
+        wider: dict[str, Any] = {"numerics.window_mm": None} if key == ROUGHNESS else {}
+        if key in BETWEEN and self.scene.wear is not None:  # which costs most, and few digits
+            part, tolerance = max(part, 10.0 * _PART), self.scene.numerics.tolerance
+            wider["numerics.tolerance"] = min(10.0 * tolerance, _PART)
+        step = part * _SOLVED[key] * (value if key == YOUNG else 1.0)
+        there = self.scene.with_values({key: value + step, **wider})
+        field = self._renderer.whole(there, self._renderer.field_alone(there))
+        return self._turned((np.nan_to_num(self.thin(field)) - self._fields[0]) / step)
 
     @cached_property
     def _by_field(self) -> tuple[Array, Array]:
