@@ -100,12 +100,16 @@ def test_too_few_fringes(beam_frame, refused, edge):
 
 
 def bent(edge, change):
-    """A frame whose fringes' slope changes along the span by a factor change(t), t = -1..1."""
+    """A frame whose moment changes along the span by a factor change(t), t = -1..1, with the shear
+    that a changing moment has: 2 txz = c dsx/dx (1 - eta²)."""
     rows, cols = SMALL["shape"]
+    half = 0.5 * HEIGHT / SMALL["pixel"]  # px
     y, x = np.mgrid[:rows, :cols]
-    eta = (y - rows / 2) * SMALL["pixel"]
-    order = edge * change(2.0 * x / cols - 1.0) * (eta - 0.15) / (0.5 * HEIGHT)
-    light = 12.0 + 200.0 * np.where(np.abs(eta) < 0.5 * HEIGHT, np.sin(np.pi * order) ** 2, 0.0)
+    eta, t, step = (y - rows / 2) / half, 2.0 * x / cols - 1.0, 1e-3
+    slope = (change(t + step) - change(t - step)) / (2.0 * step) * 2.0 * half / cols
+    shift = 0.15 / (0.5 * HEIGHT)
+    order = edge * np.hypot(change(t) * (eta - shift), slope * (1.0 - eta**2))
+    light = 12.0 + 200.0 * np.where(np.abs(eta) < 1.0, np.sin(np.pi * order) ** 2, 0.0)
     noise = np.random.default_rng(3).normal(0.0, 3.0, light.shape)
     return np.clip(np.rint(light + noise), 0, 255).astype(np.uint8)
 

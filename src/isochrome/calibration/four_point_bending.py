@@ -247,10 +247,11 @@ BENT = 0.02
 """Change of the slope along the span, to either side, that is no pure bending."""
 
 
-def beam_kind(view: BeamView, width: int) -> Kind:
+def beam_kind(view: BeamView, width: int, off: float = 0.0) -> Kind:
     """A beam's order, see `beam_order`; besides, the moment's factor 1 + c1 t + c2 (t^2 - 1/3)
     along the span, t = -1..1, with its shear; the ends' self-equilibrated stress; and that of the
     edges, which no load changes. An unloaded image's own unknown is its squared order at the edge.
+    `off`, px, is how far below the neutral axis the middle lies.
     """
     middle, half = 0.5 * (width - 1), 0.5 * view.height_px
     depths = RIM * view.height_px * np.array([0.5, 1.0])  # what is less deep is left out
@@ -258,7 +259,7 @@ def beam_kind(view: BeamView, width: int) -> Kind:
     def by_name(name: str, unknowns: Array, rows: Array, cols: Array) -> Complexes:
         """Derivatives (k, n) of sx - sz + 2i txz, in fringes along the beam."""
         x, edge = cols - middle, unknowns[0] * half
-        below = (rows - view.top - unknowns[2] * x) / half - 1.0
+        below = (rows - unknowns[1] - off - unknowns[2] * x) / half
         if name == EDGES:
             return machined(below, depths / half)
         if name == ROLLERS:
@@ -292,7 +293,7 @@ def beam_kind(view: BeamView, width: int) -> Kind:
 
     return Kind(
         besides={
-            MOMENT: np.full(2, 0.5 * BENT), ROLLERS: np.full(12, LOCAL), EDGES: np.full(4, LOCAL)
+            MOMENT: np.full(2, 0.5 * BENT), ROLLERS: np.full(20, LOCAL), EDGES: np.full(4, LOCAL)
         },
         order=order, by_besides=by_besides,
         largest=np.array([0.1 / view.height_px, 0.1 * view.height_px, 0.01]),
@@ -315,13 +316,14 @@ def machined(below: Array, depths: Array) -> Complexes:
 
 
 def end_stresses(below: Array, *away: Array) -> Complexes:
-    """sx - sz + 2i txz (12, n) of what decays along a strip from its ends, `away` (n,), all over
+    """sx - sz + 2i txz (20, n) of what decays along a strip from its ends, `away` (n,), all over
     half the height: Airy's f(y) exp(-g s), whose f and f' are nought at the edges where
     sin 2g = -2g, for an even f, or 2g. Of 1 at the most. Source: Timoshenko & Goodier (1970),
     art. 26.
     """
     forms = []
-    for g, even in ((2.106 + 1.125j, True), (3.749 + 1.384j, False), (5.356 + 1.552j, True)):
+    roots = 2.106 + 1.125j, 3.749 + 1.384j, 5.356 + 1.552j, 6.950 + 1.676j, 8.537 + 1.776j
+    for g, even in zip(roots, (True, False, True, False, True), strict=True):
         # an odd f is an even one a quarter of a turn on
         turn = 0.0 if even else 0.5 * np.pi
         sine, cosine, s, c = (of(g * y + turn) for y in (below, 1.0) for of in (np.sin, np.cos))
@@ -361,15 +363,24 @@ def local_stresses(fit: SetFit, views: Sequence[BeamView]) -> Iterator[str]:
             size = float(np.abs(amplitudes @ by).max())
             share = 100.0 / abs(float(fit.values[0]) * half) if name == ROLLERS else 1.0
             yield message(code, size=size * share)
+    off = middle_off(fit.own[:, 1], views)
+    if off:
+        yield message("axis_off_middle", off=-100.0 * off / half)
+
+
+def middle_off(axes: Array, views: Sequence[BeamView]) -> float:
+    """How far below the neutral `axes` (m,) the middle between the edges lies, px: the edges are
+    known to half a pixel, and an axis that is not off by more is the middle.
+    """
     off = np.array(
         [
-            own[1] / half - view.top / half - 1.0
-            for view, own in zip(views, fit.own, strict=True)
+            view.top + 0.5 * view.height_px - axis
+            for view, axis in zip(views, axes, strict=True)
             if view.edges_px
         ]
     )
-    if off.size and abs(off.mean()) * half > CONTRADICTED * EDGE_PX / np.sqrt(2.0):
-        yield message("axis_off_middle", off=100.0 * off.mean())
+    noise = CONTRADICTED * EDGE_PX / np.sqrt(2.0)
+    return float(off.mean()) if off.size and abs(off.mean()) > noise else 0.0
 
 
 def beam_images(
@@ -459,17 +470,18 @@ def bending_from_shots(shots: Sequence[Shot], given: CalibrationSet) -> Calibrat
     idle = [shot for shot in shots if not shot.load_n]
     height_px = beam.height_mm / pixel_mm
     views, fits = zip(*(fit_beam(s, height_px) for s in shots if s.load_n), strict=True)
-    first = fits[0].model
+    first, found = fits[0].model, np.array([fit.values for fit in fits])
+    kind = beam_kind(views[0], shots[0].light.shape[1], middle_off(found[:, 1], views))
     thinned = np.s_[:: max(1, int(np.count_nonzero(first.masks) / PIXELS))]
     cols = first.cols[thinned]
     masks = [fit.model.masks[0][:, thinned] for fit in fits]
     common = np.logical_and.reduce(masks)
     masks += [common & shot.valid[:, cols] for shot in idle]
     model = replace(
-        first, shots=[*(fit.model.shots[0] for fit in fits), *idle], cols=cols,
+        first, kind=kind, shots=[*(fit.model.shots[0] for fit in fits), *idle], cols=cols,
         masks=np.stack(masks), held=stated_values(given), uneven=None,
     )  # fmt: skip
-    set_fit = fit_set(model, np.array([fit.values for fit in fits]))
+    set_fit = fit_set(model, found)
     change = check_span(set_fit)
     images, covariance, unloaded = beam_images(set_fit, views, pixel_mm)
     messages = [message("moment_changes_along_beam", change=100.0 * change)] if change else []
