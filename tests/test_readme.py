@@ -91,7 +91,7 @@ def test_every_command_runs_as_it_stands(tmp_path, kind, first):
         # that the sample beams are blurred, as they are, by less than half a pixel, and hold a
         # residual stress, as they do, of 0.05 fringe
         known = (
-            "n_max and its place are those of the fitted model", "the images may show blur",
+            "n_max and its place are those of the fitted model", "blur: camera.blur_px = ",
             "an order of 0.050 stays at zero load",
         )  # fmt: skip
         assert all(any(words in line for words in known) for line in warnings)

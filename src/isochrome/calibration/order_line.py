@@ -469,8 +469,8 @@ def calibration_of(
     freed, wavelength_nm = list[dict[str, Any]](), given.polariscope.wavelength_nm
     sure = fit.asked.sets.chances if fit and fit.asked else {}
     for key, (value, spread) in (fit.shared if fit else {}).items():
-        if sure.get(key, 1.0) < NAMED:
-            continue
+        if key in LENS and sure.get(key, 1.0) < NAMED:
+            continue  # a moment, or rollers, may bend the fringes as it does
         name: str | None = key
         if key in EVEN:
             value, spread = float(np.sqrt(value)), 0.5 * spread / float(np.sqrt(value))
